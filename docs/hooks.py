@@ -14,7 +14,9 @@ WORKER = re.compile(r'https://[^"]*/iframe-worker/shim')
 def render(source: str, *args: Any, **held: Any) -> str:
     """Return a fenced block of LaTeX, one equation a line, as MathML, which browsers draw without a script."""
     lines = (line for line in source.splitlines() if line.strip())
-    return "".join(f'<div class="equation">{convert(line, display="block")}</div>' for line in lines)
+    return "".join(
+        f'<div class="equation">{convert(line, display="block")}</div>' for line in lines
+    )
 
 
 SPOKEN = {

@@ -15,7 +15,9 @@ LONGEST_MESSAGE = 280
 
 LARGEST_PLAIN = 1e7
 """From here on a number is written with a power of ten; below 1e-4, too."""
-UNSAFE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
+UNSAFE = re.compile(
+    r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]"
+)
 """What a terminal obeys or hides instead of showing it: control bytes but the line feed, marks of writing direction and
 of no width, and the halves of pairs that bytes of a file's name become which are no UTF-8."""
 NORMAL_95 = 1.96
@@ -39,7 +41,9 @@ def message(parts: Sequence[str], between: Sequence[str]) -> str:
         shown[0] = f"…{shown[0][1 - PLACE :]}"
     if len(shown) == 3 and (left := room - len(shown[0]) - len(shown[2])) > PLACE // 2:
         shown[1] = shortened(shown[1], left)
-    most = next(most for most in range(room, 0, -1) if sum(min(len(part), most) for part in shown) <= room)
+    most = next(
+        most for most in range(room, 0, -1) if sum(min(len(part), most) for part in shown) <= room
+    )
     fitted = [shortened(part, most) for part in shown]
     return "".join(word for pair in zip(fitted, (*between, "")) for word in pair)
 
@@ -64,7 +68,9 @@ class GimbalPinError(Exception):
 
     def __init__(self, place: str, what: str, mend: str) -> None:
         """Join the three parts as `message` does."""
-        self.place, self.what, self.mend = (visible(" ".join(part.split())) for part in (place, what, mend))
+        self.place, self.what, self.mend = (
+            visible(" ".join(part.split())) for part in (place, what, mend)
+        )
         super().__init__(message((place, what, mend), (": ", "; ")))
 
     def __reduce__(self) -> tuple[type[GimbalPinError], tuple[str, str, str], dict[str, object]]:
@@ -101,7 +107,9 @@ class DataError(GimbalPinError):
         """Append the unseen parameters' names to what is wrong, the first `FEW` of them."""
         self.unseen = unseen
         rest = f" and {len(unseen) - FEW} more" if len(unseen) > FEW else ""
-        super().__init__(place, f"{what}: {', '.join(unseen[:FEW])}{rest}" if unseen else what, mend)
+        super().__init__(
+            place, f"{what}: {', '.join(unseen[:FEW])}{rest}" if unseen else what, mend
+        )
 
 
 def digits(value: float, count: int = 3) -> str:

@@ -41,12 +41,17 @@ def score(name: str, payload: str, seed: int, seconds: float) -> tuple[str, str,
     truth = true_theta(rig)
     error = np.abs(found.estimate.theta - truth)
     std = found.estimate.std
-    ratio = max(left / best.held_out.torque_rmse[joint] for joint, left in found.held_out.torque_rmse.items())
+    ratio = max(
+        left / best.held_out.torque_rmse[joint]
+        for joint, left in found.held_out.torque_rmse.items()
+    )
     sharp = (error / np.abs(truth))[std < 0.012 * np.abs(truth)]
     return name, payload, Score(ratio, tuple((error / std).tolist()), float(sharp.max(initial=0.0)))
 
 
-def main(seeds: int = 20, seconds: float = 60.0, first: int = 1000, workers: int = os.cpu_count() or 1) -> None:
+def main(
+    seeds: int = 20, seconds: float = 60.0, first: int = 1000, workers: int = os.cpu_count() or 1
+) -> None:
     """Run the table.
 
     Args:
@@ -56,7 +61,10 @@ def main(seeds: int = 20, seconds: float = 60.0, first: int = 1000, workers: int
         workers: Processes.
     """
     jobs = [
-        (rig, load, first + k, seconds) for rig in bundled_rigs() for load in bundled_payloads() for k in range(seeds)
+        (rig, load, first + k, seconds)
+        for rig in bundled_rigs()
+        for load in bundled_payloads()
+        for k in range(seeds)
     ]
     scores: dict[tuple[str, str], list[Score]] = defaultdict(list)
     with ProcessPoolExecutor(workers) as pool:
@@ -64,7 +72,9 @@ def main(seeds: int = 20, seconds: float = 60.0, first: int = 1000, workers: int
         for future in tqdm(as_completed(futures), total=len(jobs), unit="log", disable=None):
             name, payload, found = future.result()
             scores[name, payload].append(found)
-    print(f"{'rig':10}{'payload':12}{'ratio median':>14}{'worst':>8}{'z rms':>8}{'worst':>8}{'sharp worst %':>15}")
+    print(
+        f"{'rig':10}{'payload':12}{'ratio median':>14}{'worst':>8}{'z rms':>8}{'worst':>8}{'sharp worst %':>15}"
+    )
     for (name, payload), rows in sorted(scores.items()):
         ratios = [row.ratio for row in rows]
         z = np.concatenate([row.z for row in rows])
@@ -72,7 +82,11 @@ def main(seeds: int = 20, seconds: float = 60.0, first: int = 1000, workers: int
         print(f"{name:10}{payload:12}{figures}{100 * max(row.sharp for row in rows):15.2f}")
     everything = [row for rows in scores.values() for row in rows]
     z = np.concatenate([row.z for row in everything])
-    worst = max(row.ratio for row in everything), float(z.max()), 100 * max(row.sharp for row in everything)
+    worst = (
+        max(row.ratio for row in everything),
+        float(z.max()),
+        100 * max(row.sharp for row in everything),
+    )
     passed = worst[0] <= 1.5 and worst[1] <= 4.0 and worst[2] <= 5.0
     print(
         f"{len(everything)} logs, {len(z)} parameters: ratio {worst[0]:.2f} (1.5), z {worst[1]:.2f} (4), "

@@ -35,7 +35,9 @@ from tests.blind.plan import Plan
 
 LOGS = ("log.csv", "rig.urdf", "rig.yaml")
 """What may reach a diagnosis."""
-Stratum = Literal["clean", "single", "pair", "outside", "data", "drive-clean", "drive-single", "mismatched"]
+Stratum = Literal[
+    "clean", "single", "pair", "outside", "data", "drive-clean", "drive-single", "mismatched"
+]
 FINAL: dict[Stratum, int] = {
     "clean": 300, "single": 160, "pair": 100, "outside": 60, "drive-clean": 300, "drive-single": 80, "mismatched": 40,
 }  # fmt: skip
@@ -56,7 +58,11 @@ def hide(plan: Plan, folder: Path) -> None:
 
 def plans(seed: int, counts: dict[Stratum, int]) -> dict[str, Plan]:
     """Folder name → plan."""
-    return {f"{s}-{seed}-{i:04d}": p for s, n in counts.items() for i, p in enumerate(sampling.sample(n, seed, s))}
+    return {
+        f"{s}-{seed}-{i:04d}": p
+        for s, n in counts.items()
+        for i, p in enumerate(sampling.sample(n, seed, s))
+    }
 
 
 def diagnosed(folder: Path) -> None:
@@ -91,11 +97,18 @@ def in_parallel(jobs: int, work: Callable[..., None], arguments: list[tuple[Any,
     """Call with each of the arguments, in processes, with a progress bar."""
     with ProcessPoolExecutor(jobs) as pool:
         futures = [pool.submit(work, *each) for each in arguments]
-        for future in tqdm(as_completed(futures), total=len(futures), disable=None, file=sys.stderr):
+        for future in tqdm(
+            as_completed(futures), total=len(futures), disable=None, file=sys.stderr
+        ):
             future.result()
 
 
-def draw(folder: Path, seed: int, counts: dict[Stratum, int] | None = None, jobs: int = os.cpu_count() or 1) -> None:
+def draw(
+    folder: Path,
+    seed: int,
+    counts: dict[Stratum, int] | None = None,
+    jobs: int = os.cpu_count() or 1,
+) -> None:
     """Draw logs with effects hidden in them.
 
     Args:
@@ -118,7 +131,9 @@ def run(folder: Path, jobs: int = os.cpu_count() or 1) -> None:
         jobs: Processes.
     """
     drawn = sorted(truth.parent for truth in folder.glob("*/truth.json"))
-    in_parallel(jobs, diagnosed, [(place,) for place in drawn if not (place / "diagnosis.json").exists()])
+    in_parallel(
+        jobs, diagnosed, [(place,) for place in drawn if not (place / "diagnosis.json").exists()]
+    )
 
 
 def store(folder: Path, csv: Path) -> None:
@@ -136,7 +151,10 @@ def judged_in(folder: Path) -> dict[str, Judged]:
     if folder.suffix == ".csv":
         return answers.read(folder)
     places = sorted(said.parent for said in folder.glob("*/diagnosis.json"))
-    return {each.name: judge(loaded(each / "truth.json"), loaded(each / "diagnosis.json")) for each in places}
+    return {
+        each.name: judge(loaded(each / "truth.json"), loaded(each / "diagnosis.json"))
+        for each in places
+    }
 
 
 def described(name: str, case: Judged) -> str:
@@ -179,15 +197,25 @@ def judge_probabilities(folder: Path) -> None:
         raise SystemExit(f"{folder}: {error}") from error
     print(reliability.text(found.bins))
     print(table.text(reliability.as_figures(found)))
-    (folder / "reliability.json").write_text(json.dumps(asdict(found), indent=1) + "\n", encoding="utf-8")
+    (folder / "reliability.json").write_text(
+        json.dumps(asdict(found), indent=1) + "\n", encoding="utf-8"
+    )
     reliability.chart(found).savefig(folder / "reliability.svg")
 
 
 def main() -> None:
     """Run one of the commands; ``--reliability`` is one too."""
-    commands = {"draw": draw, "run": run, "store": store, "judge": judge_folder, "reliability": judge_probabilities}
+    commands = {
+        "draw": draw,
+        "run": run,
+        "store": store,
+        "judge": judge_folder,
+        "reliability": judge_probabilities,
+    }
     asked = ["reliability" if word == "--reliability" else word for word in sys.argv[1:]]
-    tyro.extras.subcommand_cli_from_dict(commands, prog="scripts/blind", description=__doc__, args=asked)
+    tyro.extras.subcommand_cli_from_dict(
+        commands, prog="scripts/blind", description=__doc__, args=asked
+    )
 
 
 if __name__ == "__main__":

@@ -25,7 +25,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects.rig_effect import get_payload, shift_inertia
 from gimbal_pin.errors import GimbalPinError
-from gimbal_pin.identification import Identified, PayloadStatement, compare_payload, identify, identify_several
+from gimbal_pin.identification import (
+    Identified,
+    PayloadStatement,
+    compare_payload,
+    identify,
+    identify_several,
+)
 from gimbal_pin.identification.bodies import compute_figures
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import TRUST
@@ -68,7 +74,9 @@ def get_phi_of_payload(rig: Rig, shift: Array, share: float = 1.0) -> Array:
     """What a payload that is moved, m, and whose mass is multiplied makes of the bodies' parameters, (10 n,)."""
     body, inertia, frame = get_payload(rig)
     phi = np.zeros(10 * rig.n)
-    phi[10 * body : 10 * body + 10] = share * shift_inertia(inertia, frame, shift).toDynamicParameters()
+    phi[10 * body : 10 * body + 10] = (
+        share * shift_inertia(inertia, frame, shift).toDynamicParameters()
+    )
     return phi
 
 
@@ -76,21 +84,33 @@ def draw_bodies(rig: Rig, rng: np.random.Generator) -> Array:
     """Ten parameters of every body without the payload, stretched and sheared as the trust says, (10 n,)."""
     bare = rig.phi - get_phi_of_payload(rig, np.zeros(3))
     root = TRUST * compute_deformation_root(bare)
-    while not all(map(is_physical, (phi := bare + root @ rng.standard_normal(len(root))).reshape(-1, 10))):
+    while not all(
+        map(is_physical, (phi := bare + root @ rng.standard_normal(len(root))).reshape(-1, 10))
+    ):
         pass
     return np.asarray(phi)
 
 
-def draw_truth(rig: Rig, bare: Array, rub: Array, is_as_stated: bool, rng: np.random.Generator) -> Truth:
+def draw_truth(
+    rig: Rig, bare: Array, rub: Array, is_as_stated: bool, rng: np.random.Generator
+) -> Truth:
     """The rig of these bodies with friction multiplied, (n, 2), and the payload as stated, or moved and heavier."""
-    shift, share = (np.zeros(3), 1.0) if is_as_stated else (0.005 * rng.standard_normal(3), rng.uniform(0.85, 1.15))
-    there = replace(rig.with_phi(bare + get_phi_of_payload(rig, shift, share)), friction=rub * rig.friction)
+    shift, share = (
+        (np.zeros(3), 1.0)
+        if is_as_stated
+        else (0.005 * rng.standard_normal(3), rng.uniform(0.85, 1.15))
+    )
+    there = replace(
+        rig.with_phi(bare + get_phi_of_payload(rig, shift, share)), friction=rub * rig.friction
+    )
     return Truth(there, shift, share * float(get_payload(rig)[1].mass))
 
 
 def record(truth: Truth, kind: str, joint: int, seconds: float, rng: np.random.Generator) -> Log:
     """A log of it with an effect at a joint."""
-    log = prescribed(nominal(truth.rig), int(rng.integers(2**31)), seconds, torque_noise=0.01, dt=4e-3)
+    log = prescribed(
+        nominal(truth.rig), int(rng.integers(2**31)), seconds, torque_noise=0.01, dt=4e-3
+    )
     tau = np.array(log.tau)
     added = missed(kind, log.q[:, joint], np.asarray(log.v)[:, joint], rng.uniform(0, 2 * np.pi))
     tau[:, joint] += SHARE * np.std(tau[:, joint]) * added / max(float(np.std(added)), 1e-12)
@@ -111,7 +131,10 @@ def judge_gimbal(found: Identified, truth: Truth, joint: int) -> Iterator[tuple[
     kinds = truth.rig.friction.shape[1]
     for k, true in enumerate(truth.rig.friction.ravel().tolist()):
         if k // kinds != joint:
-            yield "friction", is_inside(found.estimate.theta[width + k], found.estimate.std[width + k], true)
+            yield (
+                "friction",
+                is_inside(found.estimate.theta[width + k], found.estimate.std[width + k], true),
+            )
 
 
 def locate_camera(camera: Mapping[str, Any], mass: float) -> list[float | None]:
@@ -125,7 +148,10 @@ def locate_camera(camera: Mapping[str, Any], mass: float) -> list[float | None]:
     """
     stated = camera["stated_mass"]
     lacks = 0.0 if camera["mass"] is not None else stated * (1 - stated / mass)
-    return [None if x is None else x + lacks * slope for x, slope in zip(camera["com_mm"], camera["com_mm_per_g"])]
+    return [
+        None if x is None else x + lacks * slope
+        for x, slope in zip(camera["com_mm"], camera["com_mm_per_g"])
+    ]
 
 
 def judge_payload(said: PayloadStatement, truth: Truth) -> Iterator[tuple[str, bool]]:
@@ -133,7 +159,9 @@ def judge_payload(said: PayloadStatement, truth: Truth) -> Iterator[tuple[str, b
     if said.apart is None:
         return
     row: dict[str, Any] = said.apart.to_dict()["camera"]
-    for x, std, true in zip(locate_camera(row, 1e3 * truth.mass), row["com_std_mm"], 1e3 * truth.shift):
+    for x, std, true in zip(
+        locate_camera(row, 1e3 * truth.mass), row["com_std_mm"], 1e3 * truth.shift
+    ):
         if x is not None:
             yield "place", is_inside(x, std, true)
     if row["mass"] is not None:
@@ -150,12 +178,17 @@ def judge(name: str, logs: str, kind: str, rng: np.random.Generator) -> Iterator
     rub = rng.uniform(0.8, 1.2, first.friction.shape)
     if len(rigs) == 1:
         truth = draw_truth(first, bare, rub, False, rng)
-        found = identify(first, [record(truth, kind, joint, s, rng) for s in LOGS[logs]], filtering=EXACT)
+        found = identify(
+            first, [record(truth, kind, joint, s, rng) for s in LOGS[logs]], filtering=EXACT
+        )
         yield from judge_gimbal(found, truth, joint)
         yield from judge_payload(compare_payload(found), truth)
         return
     truths = {one: draw_truth(rig, bare, rub, one == FIRST, rng) for one, rig in rigs.items()}
-    each = {one: [record(truth, kind, joint, s, rng)] for (one, truth), s in zip(truths.items(), LOGS[logs])}
+    each = {
+        one: [record(truth, kind, joint, s, rng)]
+        for (one, truth), s in zip(truths.items(), LOGS[logs])
+    }
     several = identify_several(rigs, each, filtering=EXACT)
     for one, truth in truths.items():
         yield from judge_gimbal(several.identified[one], truth, joint)
@@ -170,7 +203,9 @@ def main() -> None:
     parser.add_argument("--of", nargs="+", choices=tuple(LOGS), default=tuple(LOGS))
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    sys.stdout.write("| logs | effect | " + " | ".join(FIGURES) + " | refused |\n" + "|---" * 7 + "|\n")
+    sys.stdout.write(
+        "| logs | effect | " + " | ".join(FIGURES) + " | refused |\n" + "|---" * 7 + "|\n"
+    )
     for logs in asked.of:
         for kind in EFFECTS:
             rng = np.random.default_rng([asked.seed, list(LOGS).index(logs), EFFECTS.index(kind)])
@@ -182,7 +217,10 @@ def main() -> None:
                         hits[what].append(yes)
                 except GimbalPinError:
                     refused += 1
-            told = [f"{100 * np.mean(hits[what]):.1f} % of {len(hits[what])}" if hits[what] else "" for what in FIGURES]
+            told = [
+                f"{100 * np.mean(hits[what]):.1f} % of {len(hits[what])}" if hits[what] else ""
+                for what in FIGURES
+            ]
             sys.stdout.write(f"| {logs} | {kind} | " + " | ".join(told) + f" | {refused} |\n")
             sys.stdout.flush()
 

@@ -62,7 +62,9 @@ def jitters(twin: Twin) -> tuple[float, float]:
 
     def held(holder: Holder, seed: int) -> Pointing:
         ground = draw_profile(model.rig, SECONDS, seed)
-        return simulate_holding(model, holder, ground, rng=np.random.default_rng([seed, 1]), seconds=SECONDS)
+        return simulate_holding(
+            model, holder, ground, rng=np.random.default_rng([seed, 1]), seconds=SECONDS
+        )
 
     python, compiled = (
         Row("", tuple(held(holder, seed) for seed in range(SEEDS))).jitter_rms
@@ -74,7 +76,17 @@ def jitters(twin: Twin) -> tuple[float, float]:
 def run(folder: Path, program: str, *options: str, words: tuple[str, ...] = ()) -> str:
     """Compile a program with the controller, and return what it prints; what it complains of is the failure."""
     own = [name for name in sources(folder) if name != "gimbal_about.c"]
-    compile_(folder, COMPILERS["gcc"], "-I.", *options, "-o", program, str(HERE / f"{program}.c"), *own, "-lm")
+    compile_(
+        folder,
+        COMPILERS["gcc"],
+        "-I.",
+        *options,
+        "-o",
+        program,
+        str(HERE / f"{program}.c"),
+        *own,
+        "-lm",
+    )
     done = subprocess.run([folder / program, *words], capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"{folder.name}: {program}: {done.stdout}{done.stderr}")
@@ -94,15 +106,22 @@ def firmware(folder: Path) -> str:
     own = [name for name in sources(folder) if name != "gimbal_about.c"]
     compile_(folder, COMPILERS["arm"], "-O2", "-fcallgraph-info=su", "-c", *own)
     objects = [name.replace(".c", ".o") for name in own]
-    said = subprocess.run(["arm-none-eabi-size", *objects], cwd=folder, capture_output=True, text=True, check=True)
-    flash = sum(int(line.split()[0]) + int(line.split()[1]) for line in said.stdout.splitlines()[1:])
+    said = subprocess.run(
+        ["arm-none-eabi-size", *objects], cwd=folder, capture_output=True, text=True, check=True
+    )
+    flash = sum(
+        int(line.split()[0]) + int(line.split()[1]) for line in said.stdout.splitlines()[1:]
+    )
     return f"flash {flash} bytes and deepest stack {stack(folder)} bytes, without libm"
 
 
 def stack(folder: Path) -> int:
     """Return the bytes of the deepest chain of calls, by the compiler's call graph; nothing of it calls itself."""
     graph = "\n".join(path.read_text() for path in folder.glob("*.ci"))
-    frames = {name: int(size) for name, size in re.findall(r'node: \{ title: "([^"]+)"[^}]*?(\d+) bytes', graph)}
+    frames = {
+        name: int(size)
+        for name, size in re.findall(r'node: \{ title: "([^"]+)"[^}]*?(\d+) bytes', graph)
+    }
     calls = re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', graph)
 
     def depth(name: str) -> int:
@@ -117,11 +136,22 @@ def checked(rig: str, payload: str, full: bool, states: int, folder: Path) -> st
     gap = torques(twin, states)
     here = [name for name in COMPILERS if has(name)]
     for name in here:
-        compile_(folder, COMPILERS[name], *STRICTER, "-O2", "-fsyntax-only", *sources(folder), "main.c")
-    sanitized = ("-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
+        compile_(
+            folder, COMPILERS[name], *STRICTER, "-O2", "-fsyntax-only", *sources(folder), "main.c"
+        )
+    sanitized = (
+        "-O1",
+        "-g",
+        "-fsanitize=address,undefined,float-cast-overflow",
+        "-fno-sanitize-recover=all",
+    )
     run(folder, "hostile", *sanitized, words=(str(HOSTILE),))
     time = float(run(folder, "timed", "-O2"))
-    said = [f"{rig} with {payload}: torque {gap:.1e}", f"{time:.2f} µs", f"compiled by {', '.join(here)}"]
+    said = [
+        f"{rig} with {payload}: torque {gap:.1e}",
+        f"{time:.2f} µs",
+        f"compiled by {', '.join(here)}",
+    ]
     said.append(f"sanitizers: {HOSTILE} hostile states, nothing")
     off = 0.0
     if not unable(twin.stored.model.rig, WANTED):
@@ -130,7 +160,9 @@ def checked(rig: str, payload: str, full: bool, states: int, folder: Path) -> st
         said.insert(1, f"jitter {python:.5f}° Python, {c:.5f}° C ({100 * off:+.2f} %)")
     if shutil.which("cppcheck"):
         kinds = "--enable=warning,style,performance,portability"
-        found = subprocess.run(["cppcheck", kinds, "--std=c99", "-q", "."], cwd=folder, capture_output=True, text=True)
+        found = subprocess.run(
+            ["cppcheck", kinds, "--std=c99", "-q", "."], cwd=folder, capture_output=True, text=True
+        )
         said.append("cppcheck: " + (found.stderr.splitlines() or ["nothing"])[0])
     if shutil.which("g++"):
         said.append(counted(folder))

@@ -70,7 +70,9 @@ def draw_log(rng: np.random.Generator) -> tuple[Rig, Log]:
         encoder_bits=float(rng.uniform(12.0, 19.0)),
         reference=fourier(rig, int(rng.integers(2**31)), seconds, dt),
     )
-    log = replace(log, tau=report_torque(np.asarray(log.tau), dt, rng)).part(slice(None, None, every))
+    log = replace(log, tau=report_torque(np.asarray(log.tau), dt, rng)).part(
+        slice(None, None, every)
+    )
     kind = rng.choice(["gyro", "differences", "none"])
     if kind != "gyro":
         log = replace(log, v=np.gradient(log.q, log.t, axis=0) if kind == "differences" else None)
@@ -106,13 +108,22 @@ def examine(seed: int, number: int) -> Outcome:
         return Outcome(("refused",), (), f"{number}: {log.name}: {error}")
     altered = {one.cause for one in checked.alterations}
     alarms = [f.cause for f in checked.faults if f.makes_physics_unreliable or f.cause in altered]
-    alarms += ["torque-time"] * any(shift.beyond for shift in shifts) + ["two-rigs"] * fit.is_of_two_rigs
-    remarks = [f.cause for f in checked.faults if f.cause not in alarms] + ["torque-time"] * bool(shifts)
+    alarms += ["torque-time"] * any(shift.beyond for shift in shifts) + [
+        "two-rigs"
+    ] * fit.is_of_two_rigs
+    remarks = [f.cause for f in checked.faults if f.cause not in alarms] + ["torque-time"] * bool(
+        shifts
+    )
     said = "; ".join(fault.sentence for fault in checked.faults)
     return Outcome(tuple(alarms), tuple(remarks), f"{number}: {log.name}: {said}")
 
 
-def main(count: int = 200, seed: int | None = None, jobs: int = os.cpu_count() or 1, verbose: bool = False) -> None:
+def main(
+    count: int = 200,
+    seed: int | None = None,
+    jobs: int = os.cpu_count() or 1,
+    verbose: bool = False,
+) -> None:
     """Draw clean logs and print the false-alarm rate of every check with its 95 % bounds (Wilson).
 
     Args:
@@ -124,7 +135,12 @@ def main(count: int = 200, seed: int | None = None, jobs: int = os.cpu_count() o
     first = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
     with ProcessPoolExecutor(jobs) as pool:
         outcomes = list(
-            tqdm(pool.map(partial(examine, first), range(count)), total=count, disable=None, file=sys.stderr)
+            tqdm(
+                pool.map(partial(examine, first), range(count)),
+                total=count,
+                disable=None,
+                file=sys.stderr,
+            )
         )
     alarms, remarks = (Counter(name for one in outcomes for name in one[k]) for k in (0, 1))
     print(f"{count} clean logs, seed {first}")
@@ -132,7 +148,9 @@ def main(count: int = 200, seed: int | None = None, jobs: int = os.cpu_count() o
     for name in (*CHECKS, *OTHERS):
         low, high = (100 * bound for bound in wilson(alarms[name], count))
         share = 100 * alarms[name] / count
-        print(f"{name:20} {alarms[name]:6d} {share:5.1f} %  {low:4.1f} … {high:4.1f} %   {remarks[name]}")
+        print(
+            f"{name:20} {alarms[name]:6d} {share:5.1f} %  {low:4.1f} … {high:4.1f} %   {remarks[name]}"
+        )
     for one in outcomes:
         if one.alarms or (verbose and one.remarks):
             print(f"{', '.join(one.alarms or one.remarks)} <- {one.description}")

@@ -47,7 +47,13 @@ FEW = ("--plants", "3")
 LIST_LENGTH = 24
 """Lists of more numbers are kept as three figures."""
 WITHOUT_JSON = ("new-rig", "simulate", "animate")
-RIGS = {"thesis": "zoom-lens", "handheld": "mirrorless", "turret": "infrared", "drone": "mirrorless", "ptu": "infrared"}
+RIGS = {
+    "thesis": "zoom-lens",
+    "handheld": "mirrorless",
+    "turret": "infrared",
+    "drone": "mirrorless",
+    "ptu": "infrared",
+}
 PLANTED = {
     "cogging": ("turret", "cogging:pan:amplitude=0.05,harmonic=14"),
     "backlash": ("turret", "backlash:tilt:gap=0.004"),
@@ -63,14 +69,48 @@ def makes() -> dict[str, tuple[str, ...]]:
     """Return the calls that write the logs, name → words; {F} is the folder."""
     calls: dict[str, tuple[str, ...]] = {}
     for rig, payload in RIGS.items():
-        calls[f"motion-{rig}"] = ("excite", rig, "--payload", payload, "--starts", "1", "-o", f"{{F}}/motion-{rig}.csv")
+        calls[f"motion-{rig}"] = (
+            "excite",
+            rig,
+            "--payload",
+            payload,
+            "--starts",
+            "1",
+            "-o",
+            f"{{F}}/motion-{rig}.csv",
+        )
         motion = ("--reference", f"{{F}}/motion-{rig}.csv")
-        calls[f"log-{rig}"] = ("simulate", rig, "--payload", payload, *motion, "-o", f"{{F}}/log-{rig}.csv")
+        calls[f"log-{rig}"] = (
+            "simulate",
+            rig,
+            "--payload",
+            payload,
+            *motion,
+            "-o",
+            f"{{F}}/log-{rig}.csv",
+        )
     for name, (rig, effect) in PLANTED.items():
-        words = ("simulate", rig, "--payload", RIGS[rig], "--reference", f"{{F}}/motion-{rig}.csv", "--effect", effect)
+        words = (
+            "simulate",
+            rig,
+            "--payload",
+            RIGS[rig],
+            "--reference",
+            f"{{F}}/motion-{rig}.csv",
+            "--effect",
+            effect,
+        )
         calls[f"log-{name}"] = (*words, "-o", f"{{F}}/log-{name}.csv")
     for rig in ("thesis", "turret", "drone"):
-        words = ("simulate", rig, "--reference", f"{{F}}/motion-{rig}.csv", "--platform", "S", "--imus")
+        words = (
+            "simulate",
+            rig,
+            "--reference",
+            f"{{F}}/motion-{rig}.csv",
+            "--platform",
+            "S",
+            "--imus",
+        )
         calls[f"shaken-{rig}"] = (*words, "-o", f"{{F}}/shaken-{rig}.csv")
     return calls
 
@@ -82,10 +122,33 @@ def calls(made: Path) -> dict[str, tuple[str, ...]]:
         of = (rig, "--payload", payload)
         chosen[f"check-{rig}"] = ("check", *of)
         chosen[f"base-{rig}"] = ("base", *of)
-        chosen[f"identify-{rig}"] = ("identify", rig, f"{{F}}/log-{rig}.csv", "--payload", payload, "-o", "{O}/m.yaml")
-        chosen[f"tune-{rig}"] = ("tune", rig, f"{{F}}/log-{rig}.csv", "--payload", payload, "-o", "{O}/c.yaml", *FEW)
+        chosen[f"identify-{rig}"] = (
+            "identify",
+            rig,
+            f"{{F}}/log-{rig}.csv",
+            "--payload",
+            payload,
+            "-o",
+            "{O}/m.yaml",
+        )
+        chosen[f"tune-{rig}"] = (
+            "tune",
+            rig,
+            f"{{F}}/log-{rig}.csv",
+            "--payload",
+            payload,
+            "-o",
+            "{O}/c.yaml",
+            *FEW,
+        )
         words = ("--payload", payload, "--seconds", "3", "--bandwidth-hz", "4", "-o", "{O}/l.csv")
-        chosen[f"simulate-{rig}"] = ("simulate", rig, "--reference", f"{{F}}/motion-{rig}.csv", *words)
+        chosen[f"simulate-{rig}"] = (
+            "simulate",
+            rig,
+            "--reference",
+            f"{{F}}/motion-{rig}.csv",
+            *words,
+        )
     for estimator in ("ols", "robust", "instrumental", "output-error", "ridge", "physical"):
         words = ("identify", "turret", "{F}/log-turret.csv", "--estimator", estimator)
         chosen[f"identify-turret-{estimator}"] = words
@@ -95,27 +158,79 @@ def calls(made: Path) -> dict[str, tuple[str, ...]]:
     chosen["identify-shaken"] = ("identify", "thesis", "{F}/shaken-thesis.csv")
     several = ("{F}/log-turret.csv", "{F}/log-cogging.csv", "{F}/log-backlash.csv")
     chosen["identify-several"] = ("identify", "turret", *several)
-    cameras = ("{F}/log-thesis.csv@zoom-lens", "{F}/log-spring.csv@zoom-lens", "{F}/shaken-thesis.csv@cinema")
+    cameras = (
+        "{F}/log-thesis.csv@zoom-lens",
+        "{F}/log-spring.csv@zoom-lens",
+        "{F}/shaken-thesis.csv@cinema",
+    )
     chosen["identify-cameras"] = ("identify", "thesis", *cameras)
-    chosen["identify-follow"] = ("identify", "turret", "{F}/log-turret.csv", "--follow", "--idle", "0.1")
+    chosen["identify-follow"] = (
+        "identify",
+        "turret",
+        "{F}/log-turret.csv",
+        "--follow",
+        "--idle",
+        "0.1",
+    )
     chosen["inspect"] = ("inspect", "{F}/shaken-turret.csv", "--rig", "turret")
     for name, (rig, _) in PLANTED.items():
         words = (rig, f"{{F}}/log-{name}.csv", "--payload", RIGS[rig], "-o", "{O}/findings")
         chosen[f"diagnose-{name}"] = ("diagnose", *words)
-    chosen["diagnose-clean"] = ("diagnose", "turret", "{F}/log-turret.csv", "--payload", RIGS["turret"])
+    chosen["diagnose-clean"] = (
+        "diagnose",
+        "turret",
+        "{F}/log-turret.csv",
+        "--payload",
+        RIGS["turret"],
+    )
     chosen["diagnose-shaken"] = ("diagnose", "drone", "{F}/shaken-drone.csv")
     chosen["auto"] = ("auto", "turret", "{F}/log-cogging.csv", "-o", "{O}/auto", *FEW)
     chosen["demo"] = ("demo", "--rig", "turret", "-o", "{O}/demo", *FEW)
     chosen["excite"] = ("excite", "turret", "--starts", "1", "--seconds", "5", "-o", "{O}/e.csv")
     chosen["animate"] = ("animate", "turret", "{F}/log-turret.csv", "-o", "{O}/a.html")
-    chosen["tune-tracked"] = ("tune", "turret", "{F}/log-turret.csv", "-o", "{F}/controller.yaml", *FEW)
-    chosen["tune-margin"] = ("tune", "turret", "{F}/model.yaml", "--disk-margin", "1.0", "-o", "{O}/c.yaml", *FEW)
+    chosen["tune-tracked"] = (
+        "tune",
+        "turret",
+        "{F}/log-turret.csv",
+        "-o",
+        "{F}/controller.yaml",
+        *FEW,
+    )
+    chosen["tune-margin"] = (
+        "tune",
+        "turret",
+        "{F}/model.yaml",
+        "--disk-margin",
+        "1.0",
+        "-o",
+        "{O}/c.yaml",
+        *FEW,
+    )
     chosen["export"] = ("export", "{F}/controller.yaml", "--c", "{O}/c", "--simplefoc", "{O}/s")
     chosen["track-steps"] = ("track", "turret", "{F}/controller.yaml", *FEW)
     short = ("--seeds", "1", "--seconds", "2")
     chosen["track-platform"] = ("track", "turret", "--platform", "S", *short)
-    chosen["track-learned"] = ("track", "thesis", "--platform", "S", *short, "--learn", "{F}/shaken-thesis.csv")
-    words = ("--count", "8", "--seconds", "1", "--workers", "1", "--spec", "overshoot_percent < 8", "-o", "{O}/fleet")
+    chosen["track-learned"] = (
+        "track",
+        "thesis",
+        "--platform",
+        "S",
+        *short,
+        "--learn",
+        "{F}/shaken-thesis.csv",
+    )
+    words = (
+        "--count",
+        "8",
+        "--seconds",
+        "1",
+        "--workers",
+        "1",
+        "--spec",
+        "overshoot_percent < 8",
+        "-o",
+        "{O}/fleet",
+    )
     chosen["montecarlo"] = ("montecarlo", "turret", "{F}/model.yaml", *words)
     for case in [*cases.measured(DATA, made), *cases.benchmarks(DATA)]:
         maps = [word for one in case.maps for word in ("--map", one)]
@@ -136,9 +251,13 @@ def leaves(value: Any, at: str = "") -> Iterator[tuple[str, Any]]:
     elif isinstance(value, dict):
         for key, one in value.items():
             # A log's path is no figure.
-            yield from leaves("" if key in UNCOMPARED else one, f"{at}.{str(key).rsplit('/', 1)[-1]}")
+            yield from leaves(
+                "" if key in UNCOMPARED else one, f"{at}.{str(key).rsplit('/', 1)[-1]}"
+            )
     elif isinstance(value, list):
-        numbers = [one for one in np.ravel(np.array(value, dtype=object)) if isinstance(one, int | float)]
+        numbers = [
+            one for one in np.ravel(np.array(value, dtype=object)) if isinstance(one, int | float)
+        ]
         if len(numbers) > LIST_LENGTH and all(not isinstance(one, dict | str) for one in value):
             x = np.array(numbers, dtype=float)
             yield f"{at}.length", len(x)
@@ -148,7 +267,10 @@ def leaves(value: Any, at: str = "") -> Iterator[tuple[str, Any]]:
             for k, one in enumerate(value):
                 yield from leaves(one, f"{at}[{k}]")
     elif isinstance(value, str):
-        yield at, value if len(value) < LIST_LENGTH and " " not in value and "/" not in value else "…"
+        yield (
+            at,
+            value if len(value) < LIST_LENGTH and " " not in value and "/" not in value else "…",
+        )
     else:
         yield at, value
 
@@ -169,8 +291,13 @@ def written(folder: Path) -> Iterator[tuple[str, Any]]:
 
 def promised() -> dict[str, set[str]]:
     """Return verb → keys that docs/pages/programs.md promises; names of joints and the like are none."""
-    rows = re.findall(r"^\| `([\w-]+)` \| (.*) \|$", PROMISES.read_text(encoding="utf-8"), re.MULTILINE)
-    codes = {verb: re.sub(r"\{(joint|name): ", "", " ".join(re.findall(r"`([^`]*)`", text))) for verb, text in rows}
+    rows = re.findall(
+        r"^\| `([\w-]+)` \| (.*) \|$", PROMISES.read_text(encoding="utf-8"), re.MULTILINE
+    )
+    codes = {
+        verb: re.sub(r"\{(joint|name): ", "", " ".join(re.findall(r"`([^`]*)`", text)))
+        for verb, text in rows
+    }
     return {verb: set(re.findall(r"[a-z_]\w*", text)) for verb, text in codes.items()}
 
 
@@ -189,7 +316,9 @@ def run(words: tuple[str, ...], folder: Path, out: Path) -> dict[str, Any]:
         except SystemExit as end:
             code = int(end.code or 0)
     result = json.loads(target.read_text(encoding="utf-8")) if target.exists() else {}
-    named = [Path(word) for word in filled if word.startswith(str(folder)) and word.endswith(".yaml")]
+    named = [
+        Path(word) for word in filled if word.startswith(str(folder)) and word.endswith(".yaml")
+    ]
     files = {key: one for file in named if file.exists() and file.parent == folder for key, one in
              leaves(yaml.safe_load(file.read_text(encoding="utf-8")), file.name)}  # fmt: skip
     return {"exit": code, **dict(leaves(result)), **files, **dict(written(out))}
@@ -200,7 +329,9 @@ def same(one: Any, other: Any) -> bool:
     if isinstance(one, float) or isinstance(other, float):
         if not isinstance(one, int | float) or not isinstance(other, int | float):
             return False
-        return math.isclose(one, other, rel_tol=TOLERANCE, abs_tol=1e-12) or (one != one and other != other)
+        return math.isclose(one, other, rel_tol=TOLERANCE, abs_tol=1e-12) or (
+            one != one and other != other
+        )
     return bool(one == other)
 
 
@@ -214,7 +345,9 @@ def has_moved(key: str, kept: dict[str, Any], found: dict[str, Any]) -> bool | N
 
 def main(
     folder: Path = HERE.parent / "freeze-logs",
-    only: Annotated[str, tyro.conf.arg(help="names that contain one of these words, with commas")] = "",
+    only: Annotated[
+        str, tyro.conf.arg(help="names that contain one of these words, with commas")
+    ] = "",
     write: Annotated[bool, tyro.conf.arg(help="make the table anew instead of comparing")] = False,
     show: Annotated[int, tyro.conf.arg(help="differences printed per result")] = 8,
 ) -> None:
@@ -224,21 +357,33 @@ def main(
         if not Path(words[-1].format(F=folder)).exists():
             run_quietly(tuple(word.format(F=folder) for word in words))
     every = calls(folder)
-    wanted = {name: words for name, words in every.items() if not only or any(w in name for w in only.split(","))}
-    table: dict[str, dict[str, Any]] = json.loads(gzip.decompress(TABLE.read_bytes())) if TABLE.exists() else {}
+    wanted = {
+        name: words
+        for name, words in every.items()
+        if not only or any(w in name for w in only.split(","))
+    }
+    table: dict[str, dict[str, Any]] = (
+        json.loads(gzip.decompress(TABLE.read_bytes())) if TABLE.exists() else {}
+    )
     different = total = far = 0
     keys: dict[str, set[str]] = {}
     for name, words in tqdm(wanted.items(), desc="results", disable=None):
         begun = time.perf_counter()
         found = json.loads(json.dumps(run(words, folder, folder / "outputs")))
         took = time.perf_counter() - begun
-        keys.setdefault(words[0], set()).update(part for key in found for part in re.split(r"[.\[\]]+", key))
+        keys.setdefault(words[0], set()).update(
+            part for key in found for part in re.split(r"[.\[\]]+", key)
+        )
         if write:
             table[name] = found
             print(f"{name}: exit {found['exit']}, {len(found)} figures, {took:.1f} s", flush=True)
             continue
         kept = table[name]
-        unequal = [key for key in kept.keys() | found.keys() if not same(kept.get(key, ""), found.get(key, ""))]
+        unequal = [
+            key
+            for key in kept.keys() | found.keys()
+            if not same(kept.get(key, ""), found.get(key, ""))
+        ]
         beyond = [key for key in unequal if has_moved(key, kept, found)]
         different = different + bool(unequal)
         total = total + len(unequal)
@@ -247,7 +392,11 @@ def main(
               f"{took:.1f} s", flush=True)  # fmt: skip
         for key in [*sorted(beyond), *sorted(set(unequal) - {*beyond})][:show]:
             print(f"    {key}: {kept.get(key, 'not there')} -> {found.get(key, 'not there')}")
-    missing = {verb: sorted(names - keys[verb]) for verb, names in promised().items() if verb in keys and not only}
+    missing = {
+        verb: sorted(names - keys[verb])
+        for verb, names in promised().items()
+        if verb in keys and not only
+    }
     for verb, names in missing.items():
         if names:
             print(f"{verb}: no result has {', '.join(names)}, which {PROMISES.name} promises")

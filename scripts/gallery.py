@@ -129,7 +129,9 @@ def draw_studio() -> None:
             while not await browser.evaluate(tab, READY):
                 await asyncio.sleep(0.5)
             await asyncio.sleep(3)
-            return base64.b64decode((await tab.send_command("Page.captureScreenshot"))["result"]["data"])
+            return base64.b64decode(
+                (await tab.send_command("Page.captureScreenshot"))["result"]["data"]
+            )
 
     command = ["gimbal-pin", "studio", "thesis", "log.csv", "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -148,20 +150,30 @@ def draw_excitation() -> Figure:
 def draw_identified() -> Figure:
     """Measured and predicted torque on data that the fit has not seen."""
     rig = gimbal_pin.Rig.load("turret")
-    return gimbal_pin.identify(rig, [gimbal_pin.bench_run(gimbal_pin.nominal(rig), rng=0, seconds=20.0)]).plot()
+    return gimbal_pin.identify(
+        rig, [gimbal_pin.bench_run(gimbal_pin.nominal(rig), rng=0, seconds=20.0)]
+    ).plot()
 
 
 def draw_diagnosed() -> Figure:
     """What a model leaves before and after a cause is found."""
     rig = gimbal_pin.Rig.load("turret")
-    plant = plant_with(gimbal_pin.nominal(rig), [parse_effect("cogging:pan:amplitude=0.03,harmonic=12", rig)]).plant
-    return gimbal_pin.diagnose(rig, [gimbal_pin.bench_run(plant, rng=0, seconds=25.0)], rng=0).plot()
+    plant = plant_with(
+        gimbal_pin.nominal(rig), [parse_effect("cogging:pan:amplitude=0.03,harmonic=12", rig)]
+    ).plant
+    return gimbal_pin.diagnose(
+        rig, [gimbal_pin.bench_run(plant, rng=0, seconds=25.0)], rng=0
+    ).plot()
 
 
 def draw_swap() -> Figure:
     """Steps with a new camera, by controllers that were tuned with the old one and with it."""
-    first, second = (gimbal_pin.Rig.load("turret", payload=name) for name in ("infrared", "mirrorless"))
-    known = gimbal_pin.identify(first, [gimbal_pin.bench_run(gimbal_pin.nominal(first), rng=0, seconds=20.0)])
+    first, second = (
+        gimbal_pin.Rig.load("turret", payload=name) for name in ("infrared", "mirrorless")
+    )
+    known = gimbal_pin.identify(
+        first, [gimbal_pin.bench_run(gimbal_pin.nominal(first), rng=0, seconds=20.0)]
+    )
     plant = perturbed(second, 0.05, make_generator(2)[0])
     swapped = identify_new(second, [gimbal_pin.bench_run(plant, rng=1, seconds=10.0)], known.model)
     models = {"tuned before the swap": known.model, "tuned after it": swapped.first.model}
@@ -172,7 +184,9 @@ def draw_swap() -> Figure:
 def draw_rigs() -> Figure:
     """Two hundred rigs that differ."""
     spec = ["rms_error < 0.02", "peak_torque < 0.9"]
-    return gimbal_pin.monte_carlo(gimbal_pin.Rig.load("turret"), count=200, spec=spec, seconds=1.0).plot()
+    return gimbal_pin.monte_carlo(
+        gimbal_pin.Rig.load("turret"), count=200, spec=spec, seconds=1.0
+    ).plot()
 
 
 def draw_fleet() -> Figure:
@@ -180,10 +194,14 @@ def draw_fleet() -> Figure:
     rig = gimbal_pin.Rig.load("turret")
     motion = gimbal_pin.excite(rig, starts=1, rng=0).motion
     plants = {f"A-{k:03d}": perturbed(rig, 0.01, make_generator(k)[0]) for k in range(10)}
-    plants["A-007"] = plant_with(plants["A-007"], [parse_effect("payload-shift:x=0.002", rig)]).plant
+    plants["A-007"] = plant_with(
+        plants["A-007"], [parse_effect("payload-shift:x=0.002", rig)]
+    ).plant
     Path("logs").mkdir()
     for name, plant in plants.items():
-        gimbal_pin.write_log(gimbal_pin.bench_run(plant, rng=1, reference=motion), f"logs/{name}.csv")
+        gimbal_pin.write_log(
+            gimbal_pin.bench_run(plant, rng=1, reference=motion), f"logs/{name}.csv"
+        )
     return gimbal_pin.compare_fleet("logs", rig="turret", quick=True).plot()
 
 
@@ -201,7 +219,9 @@ def draw_friction() -> Figure:
     def draw() -> Figure:
         figure, ((axes,),) = plots.panels(1, 1, 2.6)
         for each, colour in zip(causes.values(), PALETTE):
-            plant = plant_with(gimbal_pin.nominal(rig), [parse_effect(one, rig) for one in each]).plant
+            plant = plant_with(
+                gimbal_pin.nominal(rig), [parse_effect(one, rig) for one in each]
+            ).plant
             rate = np.column_stack([v, *still.T[1:]])
             plots.curve(axes, v, (plant.inverse(still, rate, still))[:, 0], color=colour)
         plots.put_legend(axes, list(zip(causes, PALETTE)))
@@ -219,7 +239,9 @@ def draw_base() -> Figure:
 
     def draw() -> Figure:
         figure, ((axes,),) = plots.panels(1, 1, 5.0, left=1.3, top=1.0)
-        axes.imshow(np.sign(found.mixing[:, shown]), cmap="PiYG", vmin=-1.6, vmax=1.6, aspect="auto")
+        axes.imshow(
+            np.sign(found.mixing[:, shown]), cmap="PiYG", vmin=-1.6, vmax=1.6, aspect="auto"
+        )
         axes.set_xticks(range(len(shown)), [found.names[k] for k in shown], rotation=90)
         axes.set_yticks(range(len(found.mixing)), [short(name) for name in found.base_names])
         axes.xaxis.tick_top()
@@ -240,15 +262,22 @@ def draw_moving_base() -> Figure:
 
     def draw() -> Figure:
         figure, panels = plots.panels(rig.n, 1, 3.6, share=(True, False))
-        for j, (joint, colour, axes) in enumerate(zip(rig.joints, joint_colours(rig.joints), panels[:, 0])):
+        for j, (joint, colour, axes) in enumerate(
+            zip(rig.joints, joint_colours(rig.joints), panels[:, 0])
+        ):
             plots.curve(axes, motion.t, moved[:, j], color=plots.PLAIN, lw=1.0)
             plots.curve(axes, motion.t, still[:, j], color=colour)
-            plots.put_legend(axes, [(f"{joint}: the platform moves", plots.PLAIN), (f"{joint}: it stands", colour)])
+            plots.put_legend(
+                axes,
+                [(f"{joint}: the platform moves", plots.PLAIN), (f"{joint}: it stands", colour)],
+            )
             axes.set_ylabel("torque, N m")
         panels[-1, 0].set(xlabel="time, s", xlim=(motion.t[0], motion.t[-1]))
         return figure
 
-    return plots.Drawing(draw, "Torque of one motion on a platform that stands, and that moves", "").draw()
+    return plots.Drawing(
+        draw, "Torque of one motion on a platform that stands, and that moves", ""
+    ).draw()
 
 
 PICTURES: dict[str, Callable[[], Figure | None]] = {
@@ -273,7 +302,9 @@ def main(only: Annotated[tuple[str, ...], tyro.conf.Positional] = ()) -> None:
             if figure is not None:
                 figure.savefig("shown.png", dpi=130)
             # A tenth of PNG's size, with all colours.
-            Image.open("shown.png").convert("RGB").save(PAGES / "pictures" / f"{name}.webp", quality=90)
+            Image.open("shown.png").convert("RGB").save(
+                PAGES / "pictures" / f"{name}.webp", quality=90
+            )
             os.chdir(home)
 
 

@@ -202,7 +202,9 @@ PLANTS = {
         (
             Axis("yaw", YAW, (0, 0, 0.05), Body(0.4, (-0.04, 0.02, 0.04), (0.12, 0.05, 0.1))),
             Axis("roll", ROLL, (-0.09, 0.01, 0.08), Body(0.3, (0.03, 0.03, 0), (0.05, 0.14, 0.04))),
-            Axis("pitch", PITCH, (0.08, 0.03, 0.01), Body(0.25, (0, -0.03, -0.02), (0.1, 0.1, 0.03))),
+            Axis(
+                "pitch", PITCH, (0.08, 0.03, 0.01), Body(0.25, (0, -0.03, -0.02), (0.1, 0.1, 0.03))
+            ),
         ),
         Body(1.0, (0.003, 0.002, 0.005), (0.08, 0.11, 0.08)),
         800,
@@ -222,12 +224,18 @@ def swap_camera(gimbal: Gimbal, situation: str, rng: np.random.Generator) -> Gim
     """What the camera's URDF should have said."""
     camera = gimbal.camera
     way = rng.normal(size=3)
-    far = {"urdf": 0.0, "shifted": rng.uniform(0.003, 0.008)}.get(situation, rng.uniform(0.005, 0.012))
+    far = {"urdf": 0.0, "shifted": rng.uniform(0.003, 0.008)}.get(
+        situation, rng.uniform(0.005, 0.012)
+    )
     x, y, z = np.array(camera.centre) + far * way / np.linalg.norm(way)
     camera = replace(camera, centre=(float(x), float(y), float(z)))
     if situation in ("other", "weighed"):
         a, b, c = np.array(camera.box) * rng.uniform(0.8, 1.3, 3)
-        camera = Body(float(camera.mass * rng.uniform(0.7, 1.4)), camera.centre, (float(a), float(b), float(c)))
+        camera = Body(
+            float(camera.mass * rng.uniform(0.7, 1.4)),
+            camera.centre,
+            (float(a), float(b), float(c)),
+        )
     return replace(gimbal, camera=camera)
 
 
@@ -244,7 +252,12 @@ class Mover:
         return np.zeros_like(self.inertia), np.zeros_like(self.inertia), None
 
     def torque(
-        self, t: float, q: Array, v: Array, aim: Reference, memory: tuple[Array, Array, Array | None]
+        self,
+        t: float,
+        q: Array,
+        v: Array,
+        aim: Reference,
+        memory: tuple[Array, Array, Array | None],
     ) -> tuple[Array, tuple[Array, Array, Array | None]]:
         """Torque, N m, (n,), and the next memory; `v` is not read."""
         integral, rate, before = memory
@@ -297,7 +310,9 @@ class Peer:
         mujoco.mj_fullM(self.model, data, full)
         return np.diag(full)[self.at]
 
-    def run(self, law: Controller, reference: Motion, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    def run(
+        self, law: Controller, reference: Motion, rng: np.random.Generator
+    ) -> tuple[Array, Array, Array]:
         """Measured and true angles and commanded torques along a reference, (N, n) each."""
         at = self.at
         flaws = self.flaws
@@ -324,13 +339,20 @@ class Peer:
             acting.append(torque + rng.normal(0, 0.002, len(at)))
             for substep in range(k * self.substeps - late, (k + 1) * self.substeps - late):
                 v = data.qvel[at]
-                rubbing = coulomb * np.tanh(v / 0.02) * (1 + flaws.stribeck * np.exp(-np.abs(v) / 0.1)) + viscous * v
-                data.qfrc_applied[at] = (acting[substep // self.substeps] if substep >= 0 else held) - rubbing
+                rubbing = (
+                    coulomb * np.tanh(v / 0.02) * (1 + flaws.stribeck * np.exp(-np.abs(v) / 0.1))
+                    + viscous * v
+                )
+                data.qfrc_applied[at] = (
+                    acting[substep // self.substeps] if substep >= 0 else held
+                ) - rubbing
                 mujoco.mj_step(self.model, data)
         return np.array(seen), np.array(true), np.array(torques)
 
 
-def record(plant: Peer, motion: Path, log: Path, rng: np.random.Generator, poles: float = 25.0) -> None:
+def record(
+    plant: Peer, motion: Path, log: Path, rng: np.random.Generator, poles: float = 25.0
+) -> None:
     """A PID of each joint follows the motion; writes its log."""
     table = np.genfromtxt(motion, delimiter=",", names=True)
     names = plant.names
@@ -364,7 +386,9 @@ def write_rig(gimbal: Gimbal, folder: Path, more: str = "") -> None:
     camera = f'<robot name="camera">{gimbal.camera.write_link("camera_body")}</robot>'
     (folder / "camera.urdf").write_text(camera)
     joints = "".join(f"  {each.name}: {{acceleration: 20}}\n" for each in gimbal.axes)
-    (folder / "rig.yaml").write_text(f"urdf: plant.urdf\npayload: camera.urdf\nlimits:\n{joints}{more}")
+    (folder / "rig.yaml").write_text(
+        f"urdf: plant.urdf\npayload: camera.urdf\nlimits:\n{joints}{more}"
+    )
 
 
 def examine(name: str, situation: str, seed: int, folder: Path) -> dict[str, Any]:
@@ -372,7 +396,9 @@ def examine(name: str, situation: str, seed: int, folder: Path) -> dict[str, Any
     gimbal = PLANTS[name]
     drawn = [seed, list(PLANTS).index(name)]
     rng = np.random.default_rng(drawn)
-    rig = replace(gimbal, axes=tuple(replace(each, body=draw_body(each.body, rng)) for each in gimbal.axes))
+    rig = replace(
+        gimbal, axes=tuple(replace(each, body=draw_body(each.body, rng)) for each in gimbal.axes)
+    )
     friction = rng.uniform([[0.01], [0.005]], [[0.03], [0.02]], (2, len(rig.axes)))
     rng = np.random.default_rng([*drawn, SITUATIONS.index(situation)])
     truth = swap_camera(rig, situation, rng)
@@ -385,25 +411,38 @@ def examine(name: str, situation: str, seed: int, folder: Path) -> dict[str, Any
         plant = Peer(truth, Flaws(friction, truth.delay / truth.rate))
         record(plant, folder / "motion.csv", folder / "log.csv", rng)
         told = ["--mass", str(truth.camera.mass)] if situation == "weighed" else []
-        results["identify"] = call(folder, "identify", "rig.yaml", "log.csv", *told, "-o", "model.yaml")
+        results["identify"] = call(
+            folder, "identify", "rig.yaml", "log.csv", *told, "-o", "model.yaml"
+        )
         known = folder.parent / f"{name}-urdf" / "model.yaml"
         if situation != "urdf" and known.exists():
             told = [*told, "--known", str(known)]
-            results["swap"] = call(folder, "identify", "rig.yaml", "log.csv", *told, "-o", "swapped.yaml", name="swap")
+            results["swap"] = call(
+                folder, "identify", "rig.yaml", "log.csv", *told, "-o", "swapped.yaml", name="swap"
+            )
             told = told[:-2]
         results["excite"] = call(folder, "excite", "rig.yaml", "--model", "model.yaml", *design)
-        results["diagnose"] = call(folder, "diagnose", "rig.yaml", "log.csv", *told, "-o", "findings")
+        results["diagnose"] = call(
+            folder, "diagnose", "rig.yaml", "log.csv", *told, "-o", "findings"
+        )
         results["tune"] = call(folder, "tune", "rig.yaml", "model.yaml", "-o", "controller.yaml")
-        results["track"] = call(folder, "track", "rig.yaml", "controller.yaml", "--model", "model.yaml")
+        results["track"] = call(
+            folder, "track", "rig.yaml", "controller.yaml", "--model", "model.yaml"
+        )
         if "error" not in results["tune"]:
-            stored = read_controller(str(folder / "controller.yaml"), Rig.load(str(folder / "rig.yaml")))
-            ratio = measure_truth(plant, pair_rivals(stored), stored.model, np.random.default_rng(seed))[1]
+            stored = read_controller(
+                str(folder / "controller.yaml"), Rig.load(str(folder / "rig.yaml"))
+            )
+            ratio = measure_truth(
+                plant, pair_rivals(stored), stored.model, np.random.default_rng(seed)
+            )[1]
     result = {
         "plant": name,
         "situation": situation,
         "stated": {"mass": gimbal.camera.mass, "centre": gimbal.camera.centre},
         "last_body": [
-            {"mass": each.axes[-1].body.mass, "centre": each.axes[-1].body.centre} for each in (gimbal, truth)
+            {"mass": each.axes[-1].body.mass, "centre": each.axes[-1].body.centre}
+            for each in (gimbal, truth)
         ],
         "truth": {"mass": truth.camera.mass, "centre": truth.camera.centre},
         "parameters": list_parameters(folder, friction),
@@ -420,7 +459,9 @@ def list_parameters(folder: Path, friction: Array) -> dict[str, float]:
     reduction = reduce_parameters(stated)
     inertial = dict(zip(reduction.base_names, given_beta(true, reduction).tolist()))
     pairs = zip(stated.joints, friction.T.tolist())
-    return inertial | {f"{joint}.{key}": x for joint, both in pairs for key, x in zip(("Fs", "Fv"), both)}
+    return inertial | {
+        f"{joint}.{key}": x for joint, both in pairs for key, x in zip(("Fs", "Fv"), both)
+    }
 
 
 HEAD = (
@@ -452,17 +493,28 @@ def judge(result: dict[str, Any], verb: str) -> tuple[list[str], bool]:
     says = ""
     if verb == "excite":
         rows = told["expected"]["parameters"]
-        found = {each["name"]: each["value"] for each in result["results"]["identify"]["base_parameters"]}
+        found = {
+            each["name"]: each["value"] for each in result["results"]["identify"]["base_parameters"]
+        }
     else:
         words, good, scores = judge_camera(told, result)
         rows = told.get("base_parameters", [])
         found = {each["name"]: each["value"] for each in rows}
         says = told["verdict"] if verb == "diagnose" else ""
     rows = [each for each in rows if each["std"] and each["name"] in result["parameters"]]
-    errors = [abs(found[each["name"]] - result["parameters"][each["name"]]) / each["std"] for each in rows]
+    errors = [
+        abs(found[each["name"]] - result["parameters"][each["name"]]) / each["std"] for each in rows
+    ]
     every = np.array([*scores, *errors])
     beyond = int(np.sum(every > DEVIATIONS))
-    return [*row, *words, str(len(every)), str(beyond), f"{every.max(initial=0.0):.1f}", says], good and not beyond
+    return [
+        *row,
+        *words,
+        str(len(every)),
+        str(beyond),
+        f"{every.max(initial=0.0):.1f}",
+        says,
+    ], good and not beyond
 
 
 def judge_camera(told: dict[str, Any], result: dict[str, Any]) -> tuple[list[str], bool, Array]:
@@ -493,7 +545,9 @@ def judge_camera(told: dict[str, Any], result: dict[str, Any]) -> tuple[list[str
         share = found / truth["mass"] - 1
         mass_words = f"{100 * share:.1f}"
         scores.append(abs(found - truth["mass"]) * 1000 / camera["mass_std"])
-        good &= abs(share) <= MASS_SHARE or (camera["mass_std"] > 1000 * MASS_SHARE * truth["mass"] and is_told)
+        good &= abs(share) <= MASS_SHARE or (
+            camera["mass_std"] > 1000 * MASS_SHARE * truth["mass"] and is_told
+        )
     first, last = result["last_body"]
     places = locate_camera(camera, 1000 * truth["mass"]) if camera else []
     for axis, (moved, std) in enumerate(zip(places, camera.get("com_std_mm") or [])):
@@ -506,7 +560,9 @@ def judge_camera(told: dict[str, Any], result: dict[str, Any]) -> tuple[list[str
         if axis == 1:
             continue
         moment = truth["mass"] * truth["centre"][axis] + last["mass"] * last["centre"][axis]
-        sums.append(abs(found * centre + first["mass"] * first["centre"][axis] - moment) / found * 1000)
+        sums.append(
+            abs(found * centre + first["mass"] * first["centre"][axis] - moment) / found * 1000
+        )
     largest = [f"{max(each):.2f}" if each else "unknown" for each in (errors, sums)]
     return [mass_words, *largest], bool(good), np.array(scores)
 
@@ -523,7 +579,17 @@ def measure_truth(
     return sizes, float(np.exp(np.mean(np.log(sizes[-1] / sizes[0]))))
 
 
-CLAIMED = ("plant", "late, ms", "believed", "tuned °", "PID °", "claimed ratio", "worst", "true", "claimed / true")
+CLAIMED = (
+    "plant",
+    "late, ms",
+    "believed",
+    "tuned °",
+    "PID °",
+    "claimed ratio",
+    "worst",
+    "true",
+    "claimed / true",
+)
 BITS = 14
 
 
@@ -551,7 +617,9 @@ def compare_claim(name: str, seed: int, folder: Path) -> list[str]:
         return [*row, found["error"][:80], *[""] * (len(CLAIMED) - 4)]
     rig = Rig.load(str(folder / "rig.yaml"))
     stored = read_controller(str(folder / "controller.yaml"), rig)
-    errors, true = measure_truth(plant, pair_rivals(stored), stored.model, np.random.default_rng(seed))
+    errors, true = measure_truth(
+        plant, pair_rivals(stored), stored.model, np.random.default_rng(seed)
+    )
     told = found["judged"]["ratios"][stored.wish.kind]
     sizes = [f"{np.degrees(np.mean(each)):.4f}" for each in errors]
     claimed, worst = (told[of]["all"] for of in ("median", "worst"))
@@ -565,13 +633,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--plants", nargs="+", choices=PLANTS, default=list(PLANTS))
     parser.add_argument("--situations", nargs="+", choices=SITUATIONS, default=SITUATIONS)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--output", type=Path, default=Path("out/plants"), help="goes on there where it stopped")
-    parser.add_argument("--claims", action="store_true", help="compare what is claimed over a PID with the truth")
+    parser.add_argument(
+        "--output", type=Path, default=Path("out/plants"), help="goes on there where it stopped"
+    )
+    parser.add_argument(
+        "--claims", action="store_true", help="compare what is claimed over a PID with the truth"
+    )
     told = parser.parse_args(arguments)
     if told.claims:
         print("| " + " | ".join(CLAIMED) + " |\n" + "|---" * len(CLAIMED) + "|")
         for name in told.plants:
-            row = compare_claim(name, told.seed, told.output.resolve() / "claims" / str(told.seed) / name)
+            row = compare_claim(
+                name, told.seed, told.output.resolve() / "claims" / str(told.seed) / name
+            )
             print("| " + " | ".join(row) + " |", flush=True)
         return 0
     print("| " + " | ".join(HEAD) + " |\n" + "|---" * len(HEAD) + "|")
@@ -580,7 +654,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for situation in told.situations:
             folder = told.output.resolve() / str(told.seed) / f"{name}-{situation}"
             done = folder / "result.json"
-            result = json.loads(done.read_text()) if done.exists() else examine(name, situation, told.seed, folder)
+            result = (
+                json.loads(done.read_text())
+                if done.exists()
+                else examine(name, situation, told.seed, folder)
+            )
             for verb in VERBS:
                 if verb != "swap" or verb in result["results"]:
                     row, good = judge(result, verb)

@@ -51,7 +51,9 @@ def chosen(every: Sequence[Case], only: Sequence[str]) -> list[Case]:
     """Return the cases whose names begin as one of `only`, all where that is empty."""
     for name in only:
         if not any(case.name.startswith(name) for case in every):
-            sys.exit(f"--only: no log is called '{name}'; there are {', '.join(case.name for case in every)}")
+            sys.exit(
+                f"--only: no log is called '{name}'; there are {', '.join(case.name for case in every)}"
+            )
     return [case for case in every if not only or case.name.startswith(tuple(only))]
 
 
@@ -67,7 +69,12 @@ def mended(case: Case, made: Path) -> Case:
 def run_missing(wanted: Sequence[Case], folder: Path, limit: float) -> None:
     """Run what has no outcome in the folder."""
     there = [case for case in wanted if case.there]
-    jobs = [(case, run) for case in there for run in case.runs if not (folder / case.name / f"{run}.json").exists()]
+    jobs = [
+        (case, run)
+        for case in there
+        for run in case.runs
+        if not (folder / case.name / f"{run}.json").exists()
+    ]
     for case, run in tqdm(jobs, desc="runs", disable=None, file=sys.stderr):
         out = folder / case.name
         running.keep(running.run(case.arguments(run, out), out, limit), out / f"{run}.json")
@@ -77,7 +84,10 @@ def residual(outcome: Outcome) -> str:
     """Return each joint's state of the residual, and its discrepancy where that is told."""
     told = (outcome.result or {}).get("residual", {})
     shares = {joint: one.get("discrepancy") for joint, one in told.items()}
-    each = (f"{j} {one['state']}" + ("" if shares[j] is None else f" {shares[j]:.2f}") for j, one in told.items())
+    each = (
+        f"{j} {one['state']}" + ("" if shares[j] is None else f" {shares[j]:.2f}")
+        for j, one in told.items()
+    )
     return ", ".join(each)
 
 
@@ -88,9 +98,20 @@ def table(outcomes: Outcomes) -> str:
         code = "limit" if one.exit is None else str(one.exit)
         said = describe(one) if "verdict" in (one.result or {}) or one.exit != 0 else ""
         left = " | ".join(filter(None, (said, residual(one))))
-        rows.append((case, run, f"{one.seconds:.1f}", "" if one.cpu is None else f"{one.cpu:.1f}", code, left))
+        rows.append(
+            (
+                case,
+                run,
+                f"{one.seconds:.1f}",
+                "" if one.cpu is None else f"{one.cpu:.1f}",
+                code,
+                left,
+            )
+        )
     widths = [max(len(row[k]) for row in rows) for k in range(5)]
-    return "\n".join("  ".join([*(x.ljust(w) for x, w in zip(row, widths)), *row[5:]]).rstrip() for row in rows)
+    return "\n".join(
+        "  ".join([*(x.ljust(w) for x, w in zip(row, widths)), *row[5:]]).rstrip() for row in rows
+    )
 
 
 def side_by_side(one: Outcomes, other: Outcomes) -> str:
@@ -101,14 +122,20 @@ def side_by_side(one: Outcomes, other: Outcomes) -> str:
         if key[1].startswith("diagnose") or len({x and x.exit for x in pair}) > 1:
             lines.append(" ".join(key))
             for name, x in zip("AB", pair):
-                told = "" if x is None else f"{x.seconds:6.1f} s  {describe(x)} | {residual(x)}".rstrip(" |")
+                told = (
+                    ""
+                    if x is None
+                    else f"{x.seconds:6.1f} s  {describe(x)} | {residual(x)}".rstrip(" |")
+                )
                 lines.append(f"  {name}  {told or 'not run'}")
     return "\n".join(lines)
 
 
 def count(lines: Sequence[Line]) -> str:
     """Return the last line."""
-    passed, failed, skipped = (sum(line.passed is state for line in lines) for state in (True, False, None))
+    passed, failed, skipped = (
+        sum(line.passed is state for line in lines) for state in (True, False, None)
+    )
     return f"{passed} passed, {failed} failed, {skipped} skipped"
 
 
@@ -118,7 +145,11 @@ def judged(every: Sequence[Case], outcomes: Outcomes) -> list[Judgement]:
     for case in every:
         outcome = outcomes.get((case.name, "diagnose"))
         if outcome is not None:
-            found.append(judge(case.name, known_of(case.name), outcome, partial(explained_share, case, CUTOFF)))
+            found.append(
+                judge(
+                    case.name, known_of(case.name), outcome, partial(explained_share, case, CUTOFF)
+                )
+            )
     return found
 
 
@@ -134,7 +165,14 @@ def write_answers(path: Path, classes: Sequence[Judgement], outcomes: Outcomes, 
             outcome = outcomes[judgement.log, "diagnose"]
             answer = {"verdict": "refused"} | (outcome.result or {})
             seconds = outcome.seconds if outcome.cpu is None else outcome.cpu
-            row = [judgement.log, judgement.device, judgement.judged, judgement.why, f"{seconds:.2f}", outcome.exit]
+            row = [
+                judgement.log,
+                judgement.device,
+                judgement.judged,
+                judgement.why,
+                f"{seconds:.2f}",
+                outcome.exit,
+            ]
             writer.writerow([*row, encode_answer(answer).replace(f"{data}/", "")])
 
 
@@ -170,10 +208,16 @@ def main(
     with TemporaryDirectory() as place:
         made = Path(place)
         every = [*cases.measured(data, made), *cases.benchmarks(data)]
-        every = [mended(case, made) for case in (*every, *(cases.public(public) if public is not None else ()))]
+        every = [
+            mended(case, made)
+            for case in (*every, *(cases.public(public) if public is not None else ()))
+        ]
         wanted = chosen(every, only)
         if proposed:
-            found = [from_file(case, folder, limit) for case in tqdm(singles(wanted), disable=None, file=sys.stderr)]
+            found = [
+                from_file(case, folder, limit)
+                for case in tqdm(singles(wanted), disable=None, file=sys.stderr)
+            ]
             print(*found, summary(found), sep="\n")
             return
         if only:
@@ -189,7 +233,12 @@ def main(
         told = {" ".join(key): asdict(one) for key, one in outcomes.items()}
         json_file.write_text(
             json.dumps(
-                {"classes": [asdict(x) for x in classes], "lines": [asdict(x) for x in lines], "runs": told}, indent=1
+                {
+                    "classes": [asdict(x) for x in classes],
+                    "lines": [asdict(x) for x in lines],
+                    "runs": told,
+                },
+                indent=1,
             ),
             "utf-8",
         )

@@ -37,7 +37,9 @@ def measure(count: int = 24, seconds: float = 5.0, platform: bool = False) -> No
         begin = time.process_time()
         map_units(skip, range(2000), pool, folder=folder)
         task = (time.process_time() - begin) / 2000
-    print(f"{each:.2f} s per rig: {3600 / each:.0f} rigs per core-hour; {1e3 * task:.1f} ms per task of 40 numbers")
+    print(
+        f"{each:.2f} s per rig: {3600 / each:.0f} rigs per core-hour; {1e3 * task:.1f} ms per task of 40 numbers"
+    )
 
 
 if __name__ == "__main__":

@@ -49,22 +49,36 @@ def fourier(rig: Rig, seed: int, seconds: float, dt: float = 1e-3) -> Motion:
     return Motion(t, q, v, a)
 
 
-def prescribed(model: Model, seed: int = 0, seconds: float = 20.0, torque_noise: float = 0.0, dt: float = 1e-3) -> Log:
+def prescribed(
+    model: Model, seed: int = 0, seconds: float = 20.0, torque_noise: float = 0.0, dt: float = 1e-3
+) -> Log:
     """The log of a motion that nothing disturbs: torque by inverse dynamics, at the sample itself (alignment 0)."""
     motion = fourier(model.rig, seed, seconds, dt)
     tau = model.inverse(motion.q, motion.v, motion.a)
-    noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * np.random.default_rng(seed + 1).standard_normal(tau.shape)
+    noise = (
+        torque_noise
+        * np.sqrt(np.mean(tau**2, axis=0))
+        * np.random.default_rng(seed + 1).standard_normal(tau.shape)
+    )
     return Log(f"prescribed {seed}", model.rig.joints, motion.t, motion.q, motion.v, tau + noise)
 
 
 def rows_of(rig: Rig, log: Log, filtering: Filtering = EXACT, base: BaseMotion = "fixed") -> Design:
     """The rows of one log for base parameters, Coulomb and viscous friction."""
-    return Design(rig, reduce_parameters(rig, base=base), build_friction_effects(rig.joints), (log,), filtering)
+    return Design(
+        rig,
+        reduce_parameters(rig, base=base),
+        build_friction_effects(rig.joints),
+        (log,),
+        filtering,
+    )
 
 
 def true_theta(rig: Rig, base: BaseMotion = "fixed") -> Array:
     """What a rig's own base parameters, Coulomb and viscous friction are."""
-    return np.concatenate([given_beta(rig, reduce_parameters(rig, base=base)), rig.friction.ravel()])
+    return np.concatenate(
+        [given_beta(rig, reduce_parameters(rig, base=base)), rig.friction.ravel()]
+    )
 
 
 def truth(plant: Model, log: Log, tau: Array) -> Motion:
@@ -86,7 +100,9 @@ def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
     true = truth(nominal(rig), log, tau)
     measured = np.asarray(log.tau)
 
-    def channels(stretch: Segment, _: Filtering, first: int, last: int, carrier: str | None) -> Samples:
+    def channels(
+        stretch: Segment, _: Filtering, first: int, last: int, carrier: str | None
+    ) -> Samples:
         assert carrier is None
         begin = round((stretch.start - log.t[0]) / log.dt) + first
         part = slice(begin, begin + last - first)
@@ -95,12 +111,17 @@ def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
 
     with (
         patch("gimbal_pin.regression.design.smooth_samples", channels),
-        patch("gimbal_pin.regression.design.find_standstill", lambda channels, _: np.abs(channels.v) < 1e-12),
+        patch(
+            "gimbal_pin.regression.design.find_standstill",
+            lambda channels, _: np.abs(channels.v) < 1e-12,
+        ),
     ):
         return identify(rig, [log])
 
 
-def closed_loop(rig: Rig, seed: int, seconds: float, torque_noise: float = 0.01, bits: float = 16) -> tuple[Log, Array]:
+def closed_loop(
+    rig: Rig, seed: int, seconds: float, torque_noise: float = 0.01, bits: float = 16
+) -> tuple[Log, Array]:
     """A simulated excitation under computed torque, and the torque that acted without the sensor's noise."""
     rng = np.random.default_rng(seed)
     plant = nominal(rig)

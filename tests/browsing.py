@@ -39,7 +39,9 @@ INFLATING = """[...document.querySelectorAll('iframe[data-deflated]')].some(fram
   frame.contentDocument.URL !== 'about:srcdoc' || frame.contentDocument.readyState !== 'complete')"""
 """Whether a page in the page is not yet there."""
 
-needs_browser = pytest.mark.skipif(bool(browser_missing()), reason=browser_missing() or "there is one")
+needs_browser = pytest.mark.skipif(
+    bool(browser_missing()), reason=browser_missing() or "there is one"
+)
 
 
 @dataclass
@@ -52,11 +54,16 @@ class Visit:
 
     async def complain(self, message: Any) -> None:
         said = message["params"]
-        if said.get("type", "error") == "error" and said.get("entry", {}).get("level", "error") == "error":
+        if (
+            said.get("type", "error") == "error"
+            and said.get("entry", {}).get("level", "error") == "error"
+        ):
             self.complaints.append(json.dumps(said))
 
     async def ask(self, message: Any) -> None:
-        if not (wanted := message["params"]["request"]["url"]).startswith("data:"):  # part of the page itself
+        if not (wanted := message["params"]["request"]["url"]).startswith(
+            "data:"
+        ):  # part of the page itself
             self.requests.append(wanted)
 
     async def run(self, url: str, steps: Sequence[Step]) -> None:
@@ -69,7 +76,12 @@ class Visit:
             for domain in ("Runtime", "Log", "Network", "Page"):
                 await tab.send_command(f"{domain}.enable")
             if url.startswith("file:"):
-                cut = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+                cut = {
+                    "offline": True,
+                    "latency": 0,
+                    "downloadThroughput": -1,
+                    "uploadThroughput": -1,
+                }
                 await tab.send_command("Network.emulateNetworkConditions", cut)
             loaded = session.subscribe_once("Page.loadEventFired")
             await tab.send_command("Page.navigate", {"url": url})
@@ -94,10 +106,17 @@ def unpacked(page: str) -> list[list[np.ndarray]]:
     for home in lxml.html.fromstring(page).xpath("//div[@class='charts']"):
         values = np.frombuffer(zlib.decompress(base64.b64decode(home.get("data-deflated"))), "<f4")
         charts = json.loads(home.get("data-charts"))
-        curves = [len(one["curves"]) + 2 * sum(curve["is_banded"] for curve in one["curves"]) for one in charts]
-        shapes = [(len(one["abscissae"]) + count, one["rows"]) for one, count in zip(charts, curves)]
+        curves = [
+            len(one["curves"]) + 2 * sum(curve["is_banded"] for curve in one["curves"])
+            for one in charts
+        ]
+        shapes = [
+            (len(one["abscissae"]) + count, one["rows"]) for one, count in zip(charts, curves)
+        ]
         ends = np.cumsum([columns * rows for columns, rows in shapes])
-        found.append([part.reshape(shape) for part, shape in zip(np.split(values, ends[:-1]), shapes)])
+        found.append(
+            [part.reshape(shape) for part, shape in zip(np.split(values, ends[:-1]), shapes)]
+        )
         assert ends[-1] == len(values)
     return found
 
@@ -115,7 +134,12 @@ def load_axe() -> str:
     if not (npm := shutil.which("npm")):
         pytest.skip("npm is not installed")
     with tempfile.TemporaryDirectory() as folder:
-        got = subprocess.run([npm, "pack", "--silent", "axe-core@4.14.1"], cwd=folder, capture_output=True, timeout=120)
+        got = subprocess.run(
+            [npm, "pack", "--silent", "axe-core@4.14.1"],
+            cwd=folder,
+            capture_output=True,
+            timeout=120,
+        )
         if got.returncode:
             pytest.skip("npm does not answer")
         with tarfile.open(next(Path(folder).glob("*.tgz"))) as packed:

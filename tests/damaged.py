@@ -26,7 +26,16 @@ TEXTS = (
     "q_", "nan", "base", "fixed", "",
 )  # fmt: skip
 """Names with control characters, marks of writing direction, separators, and of great length."""
-FILES_MARKS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\x1f\x8b", b"PK\x03\x04", b"PAR1", b"\x89HDF\r\n\x1a\n", b"#!", b"\0")
+FILES_MARKS = (
+    b"\xef\xbb\xbf",
+    b"\xff\xfe",
+    b"\x1f\x8b",
+    b"PK\x03\x04",
+    b"PAR1",
+    b"\x89HDF\r\n\x1a\n",
+    b"#!",
+    b"\0",
+)
 """First bytes of other kinds of files, and of text in other encodings."""
 INSERTED = (b"\0", b"\xff", b"\xc3\x28", b"\xed\xa0\x80", b"\x1b[2J", b"\r", b"\x1a", b"\xef\xbb\xbf", b"9" * 10**5,
             b'"', b"<", b"&")  # fmt: skip
@@ -44,7 +53,9 @@ def choose(draw: Draw, items: Any) -> Any:
 # --- Bytes ----------------------------------------------------------------------------------------------------------
 
 BYTE_CHANGES: Mapping[str, Callable[[bytes, int, int], bytes]] = {
-    "a bit flipped": lambda data, a, b: data[:a] + bytes(x ^ 1 << b % 8 for x in data[a : a + 1]) + data[a + 1 :],
+    "a bit flipped": lambda data, a, b: (
+        data[:a] + bytes(x ^ 1 << b % 8 for x in data[a : a + 1]) + data[a + 1 :]
+    ),
     "bytes inverted": lambda data, a, b: data[:a] + bytes(x ^ 255 for x in data[a:b]) + data[b:],
     "zeros": lambda data, a, b: data[:a] + bytes(b - a) + data[b:],
     "cut off": lambda data, a, b: data[:a],
@@ -52,7 +63,9 @@ BYTE_CHANGES: Mapping[str, Callable[[bytes, int, int], bytes]] = {
     "a block twice": lambda data, a, b: data[:b] + data[a:],
     "inserted": lambda data, a, b: data[:a] + INSERTED[b % len(INSERTED)] + data[a:],
     "a start of another file": lambda data, a, b: FILES_MARKS[a % len(FILES_MARKS)] + data,
-    "another encoding": lambda data, a, b: data.decode("utf-8", "replace").encode(("utf-16", "utf-32")[a % 2]),
+    "another encoding": lambda data, a, b: data.decode("utf-8", "replace").encode(
+        ("utf-16", "utf-32")[a % 2]
+    ),
     "other line ends": lambda data, a, b: data.replace(b"\n", (b"\r\n", b"\r")[a % 2]),
 }
 
@@ -128,14 +141,24 @@ def widen(draw: Draw, rows: Rows, column: int) -> None:
     how = choose(draw, ("wide", "shorter", "longer", "much longer"))
     row = choose(draw, rows)
     if how == "wide":
-        rows[:] = [[*row, *(f"c{k}" if row is rows[0] else "0" for k in range(300))] for row in rows]
+        rows[:] = [
+            [*row, *(f"c{k}" if row is rows[0] else "0" for k in range(300))] for row in rows
+        ]
     elif how == "shorter":
         row.pop()
     else:
         row.extend(["1"] * (1 if how == "longer" else 1000))
 
 
-TABLE_CHANGES = (replace_cells, replace_cells, scale_column, move_rows, change_columns, change_columns, widen)
+TABLE_CHANGES = (
+    replace_cells,
+    replace_cells,
+    scale_column,
+    move_rows,
+    change_columns,
+    change_columns,
+    widen,
+)
 
 
 @st.composite
@@ -185,7 +208,9 @@ SHAPE_CHANGES: Mapping[str, Callable[[Array], Any]] = {
 
 
 @st.composite
-def damaged_columns(draw: Draw, columns: Mapping[str, Array], changes: Mapping[str, Callable[[Array], Any]]) -> Any:
+def damaged_columns(
+    draw: Draw, columns: Mapping[str, Array], changes: Mapping[str, Callable[[Array], Any]]
+) -> Any:
     """Named arrays with one to three of another type, name or length, missing, or with 3 000 more."""
     rows = draw(st.sampled_from((0, 1, 2, 10, *[len(columns["t"])] * 8)))
     found: dict[str, Any] = {name: x[:rows] for name, x in columns.items()}
@@ -228,7 +253,9 @@ def list_paths(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
         keys: list[Any] = [*range(len(value))] if len(value) < 30 else [0, 1, len(value) - 1]
     else:
         keys = list(value) if isinstance(value, dict) else []
-    return [found for key in keys for found in ((*path, key), *list_paths(value[key], (*path, key)))]
+    return [
+        found for key in keys for found in ((*path, key), *list_paths(value[key], (*path, key)))
+    ]
 
 
 def get_at(value: Any, path: tuple[Any, ...]) -> Any:
@@ -244,9 +271,18 @@ def replace_value(draw: Draw, owner: Any, key: Any, tree: Any) -> None:
     is_number = isinstance(before, (int, float)) and not isinstance(before, bool)
     how = choose(draw, ("any", "alike", "alike"))
     if how == "alike" and is_number:
-        owner[key] = float(before) * draw(st.sampled_from((-1.0, 0.0, 1e-300, 1e300, 1e-9, 1e-3, 1e3, 1e9)))
+        owner[key] = float(before) * draw(
+            st.sampled_from((-1.0, 0.0, 1e-300, 1e300, 1e-9, 1e-3, 1e3, 1e9))
+        )
     elif how == "alike" and isinstance(before, list):
-        others = (before[:-1], before + before, before[::-1], [before], before * 50, [None] * len(before))
+        others = (
+            before[:-1],
+            before + before,
+            before[::-1],
+            [before],
+            before * 50,
+            [None] * len(before),
+        )
         owner[key] = deepcopy(choose(draw, others))
     elif how == "alike" and isinstance(before, str):
         owner[key] = draw(texts)
@@ -261,7 +297,9 @@ def change_keys(draw: Draw, owner: Any, key: Any, tree: Any) -> None:
         value = owner.pop(key)
         owner += {"gone": [], "other": [value], "more": [value, value]}[how]
         return
-    name = choose(draw, (*TEXTS, 1, 1.5, True, None, TOKEN, "schema", "kind", "payloads", "urdf", "wish"))
+    name = choose(
+        draw, (*TEXTS, 1, 1.5, True, None, TOKEN, "schema", "kind", "payloads", "urdf", "wish")
+    )
     if how == "more":
         owner[name] = choose(draw, (1, "x", None, [], {}))
     else:
@@ -316,9 +354,43 @@ ENTITIES = (
     + "".join(f'<!ENTITY {name} "{f"&{of};" * 8}">' for of, name in zip("abcdef", "bcdefg"))
     + "]>"
 )
-RAW_XML = ("&g;", "&file;", "&#27;[31m", "&#0;", "&nothing;", "<", "\x1b[31m", "]]>", "&#10;", "\0", "<!--")
-TYPES = ("prismatic", "floating", "planar", "continuous", "revolute", "fixed", "spherical", "", "REVOLUTE")
-TAGS = ("link", "joint", "inertial", "mass", "origin", "axis", "limit", "mimic", "transmission", "dynamics", "a")
+RAW_XML = (
+    "&g;",
+    "&file;",
+    "&#27;[31m",
+    "&#0;",
+    "&nothing;",
+    "<",
+    "\x1b[31m",
+    "]]>",
+    "&#10;",
+    "\0",
+    "<!--",
+)
+TYPES = (
+    "prismatic",
+    "floating",
+    "planar",
+    "continuous",
+    "revolute",
+    "fixed",
+    "spherical",
+    "",
+    "REVOLUTE",
+)
+TAGS = (
+    "link",
+    "joint",
+    "inertial",
+    "mass",
+    "origin",
+    "axis",
+    "limit",
+    "mimic",
+    "transmission",
+    "dynamics",
+    "a",
+)
 MESH_NAMES = (
     "no.stl", "../../etc/hostname", "package://no/mesh.stl", "/dev/zero", "pan.urdf", "x" * 5000, "", ".",
     "http://x/y.stl",
@@ -389,7 +461,9 @@ def damaged_xml(draw: Draw, data: bytes) -> bytes:
         return draw(damaged_bytes(data))
     robot = etree.fromstring(data)
     for _ in range(draw(st.integers(1, 3))):
-        if parts := [part for part in robot.iter() if isinstance(part.tag, str) and part is not robot]:
+        if parts := [
+            part for part in robot.iter() if isinstance(part.tag, str) and part is not robot
+        ]:
             choose(draw, XML_CHANGES)(draw, choose(draw, parts), parts)
     text = etree.tostring(robot, encoding="unicode")
     if TOKEN in text:

@@ -25,9 +25,20 @@ from gimbal_pin.pointing.navigator import Navigator
 from gimbal_pin.rig import Rig
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
-STRICTER = ("-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Wmissing-prototypes", "-Wstrict-prototypes")
+STRICTER = (
+    "-Wconversion",
+    "-Wdouble-promotion",
+    "-Wshadow",
+    "-Wmissing-prototypes",
+    "-Wstrict-prototypes",
+)
 ARM = ("-mcpu=cortex-m4", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
-COMPILERS = {"gcc": ("gcc",), "clang": ("clang",), "gcc-m32": ("gcc", "-m32"), "arm": ("arm-none-eabi-gcc", *ARM)}
+COMPILERS = {
+    "gcc": ("gcc",),
+    "clang": ("clang",),
+    "gcc-m32": ("gcc", "-m32"),
+    "arm": ("arm-none-eabi-gcc", *ARM),
+}
 """Name → command; with those that a machine lacks."""
 
 EVERYTHING = (
@@ -74,7 +85,9 @@ class CompiledPointer:
         """Sampling interval, s."""
         return float(self.library.about["dt"])
 
-    def start(self, seen: Measurement, camera: Array, base: Array, eased: float = 0.0) -> CompiledMemory:
+    def start(
+        self, seen: Measurement, camera: Array, base: Array, eased: float = 0.0
+    ) -> CompiledMemory:
         """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3).
 
         `eased`: time in which levelling comes in, s; 0: there is none.
@@ -82,7 +95,9 @@ class CompiledPointer:
         code = self.library.code
         state = ctypes.create_string_buffer(code.gimbal_holding_size())
         sensors = sampled(seen)
-        known = single(*(quaternion(R) for R in (camera, base, self.navigator.wanted)), np.array([eased]))
+        known = single(
+            *(quaternion(R) for R in (camera, base, self.navigator.wanted)), np.array([eased])
+        )
         code.gimbal_holding_start(self.library.parameters, state, at(sensors), at(known))
         return CompiledMemory(state.raw)
 
@@ -159,7 +174,17 @@ def built(model: Model, folder: Path, kind: str = "computed-torque", robust: boo
     made = export_controller(held)
     for name, content in made.files.items():
         (folder / name).write_text(content, encoding="utf-8")
-    compile_(folder, COMPILERS["gcc"], "-O1", "-fPIC", "-shared", "-o", "controller.so", *sources(folder), "-lm")
+    compile_(
+        folder,
+        COMPILERS["gcc"],
+        "-O1",
+        "-fPIC",
+        "-shared",
+        "-o",
+        "controller.so",
+        *sources(folder),
+        "-lm",
+    )
     return Twin(held, made.pointer, Library.load(folder / "controller.so", held.model.rig), folder)
 
 
@@ -181,7 +206,11 @@ def floats(x: Array) -> Array:
 
 def state(n: int, rng: np.random.Generator) -> tuple[Array, Array, float]:
     """Draw angles, rates, and the size of an error, from far below an encoder's step to a tenth of a radian."""
-    return floats(rng.uniform(-np.pi, np.pi, n)), floats(rng.normal(0, 0.5, n)), 10 ** rng.uniform(-6, -1.5)
+    return (
+        floats(rng.uniform(-np.pi, np.pi, n)),
+        floats(rng.normal(0, 0.5, n)),
+        10 ** rng.uniform(-6, -1.5),
+    )
 
 
 def tracking_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
@@ -193,7 +222,9 @@ def tracking_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
     limit = tested.stored.model.tau_max
     q, v, size = state(n, rng)
     aim = Reference(
-        floats(q + size * rng.normal(size=n)), floats(v + 10 * size * rng.normal(size=n)), floats(rng.normal(0, 1, n))
+        floats(q + size * rng.normal(size=n)),
+        floats(v + 10 * size * rng.normal(size=n)),
+        floats(rng.normal(0, 1, n)),
     )
     integral = floats(0.1 * size * rng.normal(size=n))
     before = floats(aim.a + rng.normal(0, 0.1, n))
@@ -216,11 +247,20 @@ def holding_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
             floats(q + 1e-3 * rng.normal(size=n)),
             floats(rng.normal(0, 10 ** rng.uniform(-3, 0), n)),
             floats(rng.normal(0, 2, n)),
-            BaseState(floats(rng.normal((0, 0, 9.81), 1)), floats(rng.normal(0, 0.5, 3)), floats(rng.normal(0, 5, 3))),
+            BaseState(
+                floats(rng.normal((0, 0, 9.81), 1)),
+                floats(rng.normal(0, 0.5, 3)),
+                floats(rng.normal(0, 5, 3)),
+            ),
         )
         for _ in tested.pointer.navigator.forecast.leads
     )
-    aim = Aim(floats(q + size * rng.normal(size=n)), floats(v + 10 * size * rng.normal(size=n)), ahead[0].a, ahead)
+    aim = Aim(
+        floats(q + size * rng.normal(size=n)),
+        floats(v + 10 * size * rng.normal(size=n)),
+        ahead[0].a,
+        ahead,
+    )
     integral = floats(0.1 * size * rng.normal(size=n))
     owed = floats(0.01 * rng.normal(size=n))
     right, _ = law.torque(0.5, q, v, aim, CarriedMemory(tuple(integral), tuple(owed)))
@@ -228,9 +268,17 @@ def holding_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
     tau = np.empty(n, np.float32)
     here = single(q)
     rates = single(v)
-    there = single(aim.q, aim.v, *(single(a.q, a.v, a.a, a.base.f, a.base.w, a.base.dw) for a in ahead))
+    there = single(
+        aim.q, aim.v, *(single(a.q, a.v, a.a, a.base.f, a.base.w, a.base.dw) for a in ahead)
+    )
     tested.library.code.gimbal_hold(
-        tested.library.parameters, at(memory), ctypes.c_float(0.5), at(here), at(rates), at(there), at(tau)
+        tested.library.parameters,
+        at(memory),
+        ctypes.c_float(0.5),
+        at(here),
+        at(rates),
+        at(there),
+        at(tau),
     )
     return float(np.abs((tau - right) / limit).max()), float(np.mean(np.abs(right) >= limit))
 
@@ -240,7 +288,11 @@ class Side:
 
     def __init__(self, tested: Twin) -> None:
         """Take the two."""
-        self.python, self.c, self.navigator = tested.pointer, tested.compiled, tested.pointer.navigator
+        self.python, self.c, self.navigator = (
+            tested.pointer,
+            tested.compiled,
+            tested.pointer.navigator,
+        )
         self.dt = tested.pointer.dt
         self.limit = tested.stored.model.tau_max
         self.gaps: list[float] = []
@@ -251,7 +303,9 @@ class Side:
 
     def torque(self, seen: Measurement, memory: Pair) -> tuple[Array, Pair]:
         """Return Python's torque."""
-        seen = seen._replace(**{name: floats(getattr(seen, name)) for name in ("q", "gyro", "w", "f", "links")})
+        seen = seen._replace(
+            **{name: floats(getattr(seen, name)) for name in ("q", "gyro", "w", "f", "links")}
+        )
         right, python = self.python.torque(seen, memory.python)
         found, c = self.c.torque(seen, memory.c)
         self.gaps.append(float(np.abs((found - right) / self.limit).max()))

@@ -48,7 +48,10 @@ class SensorFault:
         if self.kind == "clock":
             return seen._replace(t=seen.t + self.step)
         old = before if self.kind == "frozen" else None
-        own = {name: getattr(old, name) if old else np.full_like(getattr(seen, name), nan) for name in self.fields}
+        own = {
+            name: getattr(old, name) if old else np.full_like(getattr(seen, name), nan)
+            for name in self.fields
+        }
         return seen._replace(**own)
 
 

@@ -18,14 +18,26 @@ def rigid_bodies(robot: etree._Element) -> mujoco.MjModel:
     etree.SubElement(etree.SubElement(robot, "mujoco"), "compiler", compiler)
     model = mujoco.MjModel.from_xml_string(etree.tostring(robot).decode())
     model.opt.gravity[:] = 0, 0, -GRAVITY
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    for passive in (model.dof_damping, model.dof_frictionloss, model.dof_armature, model.jnt_stiffness):
+    model.opt.disableflags |= (
+        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    )
+    for passive in (
+        model.dof_damping,
+        model.dof_frictionloss,
+        model.dof_armature,
+        model.jnt_stiffness,
+    ):
         passive[:] = 0
     return model
 
 
 def torque(
-    model: mujoco.MjModel, joints: Sequence[str], q: Array, v: Array, a: Array, base: Sequence[Sequence[Array]] = ()
+    model: mujoco.MjModel,
+    joints: Sequence[str],
+    q: Array,
+    v: Array,
+    a: Array,
+    base: Sequence[Sequence[Array]] = (),
 ) -> Array:
     """mj_inverse in the order of `joints`, (N, n); `base`: per sample a free joint's pose, rate and acceleration."""
     data = mujoco.MjData(model)

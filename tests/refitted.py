@@ -18,7 +18,9 @@ RIG = Rig.load("turret")
 def first(*terms: Term, rig: Rig | None = None, given: Rig = RIG) -> State:
     """The refitted model without any cause, on a log of these terms on a rig, which may be another than the given."""
     motion = fourier(given, 3, 14.0, 2e-3)
-    tau = Model(rig or given, (*nominal(given).terms, *terms)).inverse(motion.q, motion.v, motion.a, t=motion.t)
+    tau = Model(rig or given, (*nominal(given).terms, *terms)).inverse(
+        motion.q, motion.v, motion.a, t=motion.t
+    )
     tau += 1e-3 * np.random.default_rng(4).standard_normal(tau.shape)
     log = Log("whole", given.joints, motion.t, motion.q, motion.v, tau)
     problem = Problem.of(gather(given, [log], ALIGNED), reduce_parameters(given))

@@ -15,7 +15,9 @@ from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio
 
 COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
 """Every bundled rig with every payload."""
-VARIETY = [(rig, payload) for rig, payload in COMBINATIONS if rig == "thesis" or payload == "cinema"]
+VARIETY = [
+    (rig, payload) for rig, payload in COMBINATIONS if rig == "thesis" or payload == "cinema"
+]
 """Every bundled rig, and every payload, at least once."""
 
 BODY = (
@@ -45,7 +47,9 @@ def taken_by_all(urdf: str, joints: int) -> bool:
     import mujoco
     import yourdfpy
 
-    robot = yourdfpy.URDF.load(io.BytesIO(urdf.encode()), load_meshes=False, build_scene_graph=False).robot
+    robot = yourdfpy.URDF.load(
+        io.BytesIO(urdf.encode()), load_meshes=False, build_scene_graph=False
+    ).robot
     counts = (to_pinocchio(urdf, "written").nv, mujoco.MjModel.from_xml_string(urdf).nv)
     return counts == (joints, joints) and len(robot.links) > joints
 

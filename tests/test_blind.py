@@ -41,7 +41,9 @@ def diagnosed(plan: draw.Plan, folder: Path) -> Judged:
     written = files.write(hidden, folder)
     told = files.write_truth(hidden, folder)
     main(["diagnose", str(written.rig), str(written.log), "--json", str(folder / "said.json")])
-    truth, said = (json.loads(path.read_text(encoding="utf-8")) for path in (told.truth, folder / "said.json"))
+    truth, said = (
+        json.loads(path.read_text(encoding="utf-8")) for path in (told.truth, folder / "said.json")
+    )
     return judge(truth, said)
 
 

@@ -58,7 +58,9 @@ def rough(x: Array, seed: int) -> Array:
     """Sines of 0.2–6 Hz as a signal of time x (N,)."""
     rng = np.random.default_rng(seed)
     hertz = np.exp(rng.uniform(np.log(0.2), np.log(6.0), 12))
-    return np.asarray(np.sin(2.0 * np.pi * hertz * x[:, None] + rng.uniform(-3.0, 3.0, 12)).sum(axis=1))
+    return np.asarray(
+        np.sin(2.0 * np.pi * hertz * x[:, None] + rng.uniform(-3.0, 3.0, 12)).sum(axis=1)
+    )
 
 
 def run_of(sensors: DriveSensors, seconds: float = 10.0) -> tuple[Scene, Trace]:
@@ -112,14 +114,21 @@ def test_the_reported_current_is_a_first_order_low_pass() -> None:
     sensors = sensors_of(current_hz=20.0)
     step = np.concatenate([np.zeros((10, 1)), np.ones((100, 1))])
     shown = sensors.reported(step, RATE)[10:, 0]
-    np.testing.assert_allclose(shown, 1.0 - np.exp(-2.0 * np.pi * 20.0 * np.arange(100) / RATE), atol=1e-12)
+    np.testing.assert_allclose(
+        shown, 1.0 - np.exp(-2.0 * np.pi * 20.0 * np.arange(100) / RATE), atol=1e-12
+    )
     assert sensors.passed(np.array([20.0]))[0] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_channels_are_as_far_apart_as_drawn(seed: int) -> None:
     drawn = draw_drive_sensors(np.random.default_rng(seed), RATE, False)
-    sensors = sensors_of(**{k: getattr(drawn, k) for k in ("angle_late", "torque_late", "current_hz", "torque_every")})
+    sensors = sensors_of(
+        **{
+            k: getattr(drawn, k)
+            for k in ("angle_late", "torque_late", "current_hz", "torque_every")
+        }
+    )
     scene, trace = run_of(sensors)
     shown = show(sensors, scene, trace, 1, np.random.default_rng(0)).channels
     angle = lateness(shown.q[:, 0], trace.q[:, 0])
@@ -163,7 +172,9 @@ def test_rates_follow_the_encoder_at_their_bandwidth(law: str) -> None:
     v = 2.0 * np.pi * np.cos(2.0 * np.pi * t)
     rates = np.array([read(k, [q[k]], [v[k]])[1][0] for k in range(len(t))])
     late = lateness(rates, v)
-    expected = 1.6 / (2.0 * np.pi * 30.0) if law == "observer" else 0.5 / (np.pi * 30.0) + 0.5 / RATE
+    expected = (
+        1.6 / (2.0 * np.pi * 30.0) if law == "observer" else 0.5 / (np.pi * 30.0) + 0.5 / RATE
+    )
     assert late == pytest.approx(expected, abs=1.5e-3)
     assert np.abs(rates[200:] - np.interp(t - late, t, v)[200:]).max() < 0.15
 
@@ -230,10 +241,15 @@ def test_visibility_in_coloured_noise_is_what_the_hand_computes() -> None:
     density = sigma**2 * (1.0 - 0.98**2) / (1.0 - 2.0 * 0.98 * at + 0.98**2) / (0.5 * rate)
     for spectrum, there in ((white, white[0, 0]), (red, density)):
         by_hand = np.sqrt(0.5 * amplitude**2 / (band * there))
-        assert size(effect, nothing, Spectrum(grid, spectrum), rate)[0] == pytest.approx(by_hand, rel=0.01)
+        assert size(effect, nothing, Spectrum(grid, spectrum), rate)[0] == pytest.approx(
+            by_hand, rel=0.01
+        )
     assert size(effect, 2.0 * effect[:, :, None], Spectrum(grid, red), rate)[0] < 1e-6
     slow = amplitude * np.sin(2.0 * np.pi * 0.2 * t)[:, None]
-    assert size(slow, nothing, Spectrum(grid, red), rate)[0] < 0.2 * size(effect, nothing, Spectrum(grid, red), rate)[0]
+    assert (
+        size(slow, nothing, Spectrum(grid, red), rate)[0]
+        < 0.2 * size(effect, nothing, Spectrum(grid, red), rate)[0]
+    )
     assert Spectrum(grid, white).floor()[0] == pytest.approx(sigma * np.sqrt(band / (0.5 * rate)))
 
 
@@ -252,7 +268,17 @@ def test_noise_itself_is_of_size_one() -> None:
 def small_case(idle: str = "unlogged") -> Case:
     hidden = (Hidden("cogging", "single", 0.3, 0.9),)
     return hide(
-        DrivePlan(5, "drive-single", hidden, axes=2, level="drive", rate=100.0, seconds=2.0, arm=True, idle=idle)
+        DrivePlan(
+            5,
+            "drive-single",
+            hidden,
+            axes=2,
+            level="drive",
+            rate=100.0,
+            seconds=2.0,
+            arm=True,
+            idle=idle,
+        )
     )
 
 
@@ -262,11 +288,17 @@ def test_the_old_strata_draw_what_they_drew() -> None:
             told = repr(sample(60, 771293, stratum)).encode()
             assert hashlib.sha256(told).hexdigest()[:12] == OLD_PLANS[stratum], stratum
     log = hide(Plan(3, "clean", axes=1, rate=250.0, seconds=1.0)).log
-    assert sum(float(np.abs(values).sum()) for values in log.values()) == pytest.approx(561.0799554710202, rel=1e-6)
+    assert sum(float(np.abs(values).sum()) for values in log.values()) == pytest.approx(
+        561.0799554710202, rel=1e-6
+    )
 
 
-@pytest.mark.parametrize(("idle", "kinds"), [("unlogged", ["revolute"] * 2), ("bolted", ["fixed", "revolute"])])
-def test_an_unlogged_joint_stands_in_the_urdf_alone(idle: str, kinds: list[str], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("idle", "kinds"), [("unlogged", ["revolute"] * 2), ("bolted", ["fixed", "revolute"])]
+)
+def test_an_unlogged_joint_stands_in_the_urdf_alone(
+    idle: str, kinds: list[str], tmp_path: Path
+) -> None:
     case = small_case(idle)
     files = write(case, tmp_path)
     told = yaml.safe_load(files.rig.read_text(encoding="utf-8"))
@@ -298,7 +330,11 @@ def test_no_delay_is_planted_where_channels_are_shifted() -> None:
     late = [plan for plan in plans if any(item.cause in ALIGNED for item in plan.hidden)]
     assert late and all(isinstance(plan, DrivePlan) and plan.aligned for plan in late)
     sensors = draw_drive_sensors(np.random.default_rng(0), RATE, True)
-    assert sensors.angle_late == 0.0 and sensors.torque_late == pytest.approx(0.0) and sensors.torque_every == 1
+    assert (
+        sensors.angle_late == 0.0
+        and sensors.torque_late == pytest.approx(0.0)
+        and sensors.torque_every == 1
+    )
     delay = CATALOGUE["delay"](0, "fixed", 1e-3, 0.0)  # type: ignore[call-arg]
     assert clear_of_alignment(delay).parameters()["delay"] == pytest.approx(CLEAR_OF_IT)
 

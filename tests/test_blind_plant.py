@@ -44,16 +44,21 @@ def rig_of(seed: int, axes: int = 3) -> Rig:
 
 
 def frictionless(rig: Rig) -> Rig:
-    return replace(rig, motors=tuple(replace(motor, coulomb=0.0, viscous=0.0) for motor in rig.motors))
+    return replace(
+        rig, motors=tuple(replace(motor, coulomb=0.0, viscous=0.0) for motor in rig.motors)
+    )
 
 
 @cache
 def scene_of(seed: int, axes: int, excitation: str, seconds: float = 3.0) -> Scene:
     streams = {
-        name: np.random.default_rng([seed, i]) for i, name in enumerate(("motion", "control", "noise", "sensors"))
+        name: np.random.default_rng([seed, i])
+        for i, name in enumerate(("motion", "control", "noise", "sensors"))
     }
     plan = Plan(seed, "clean", axes=axes, excitation=excitation, rate=RATE, seconds=seconds)
-    return draw_scene(streams, rig_of(seed, axes), draw_sensors(streams["sensors"], "clean", RATE), plan)
+    return draw_scene(
+        streams, rig_of(seed, axes), draw_sensors(streams["sensors"], "clean", RATE), plan
+    )
 
 
 @cache
@@ -88,7 +93,9 @@ def test_the_regressor_times_the_parameters_is_the_inverse_dynamics() -> None:
     rig = rig_of(3)
     q, v, a = np.random.default_rng(0).normal(size=(3, 10, 3))
     theta = np.concatenate([body.vector() for body in rig.bodies])
-    np.testing.assert_allclose(regressor(rig, q, v, a) @ theta, inverse_dynamics(rig, q, v, a), atol=1e-12)
+    np.testing.assert_allclose(
+        regressor(rig, q, v, a) @ theta, inverse_dynamics(rig, q, v, a), atol=1e-12
+    )
 
 
 def energy_error(substeps: int) -> float:
@@ -115,10 +122,20 @@ def test_energy_is_kept_to_the_second_order_of_the_step() -> None:
 
 def test_a_command_acts_from_its_own_sample_to_the_next() -> None:
     rig = frictionless(rig_of(2, 1))
-    rig = replace(rig, links=(replace(rig.links[0], axis=np.array([0.0, 0.0, 1.0]), rotation=np.eye(3)),))
-    inertia = float(inverse_dynamics(rig, np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)))[0, 0])
+    rig = replace(
+        rig, links=(replace(rig.links[0], axis=np.array([0.0, 0.0, 1.0]), rotation=np.eye(3)),)
+    )
+    inertia = float(
+        inverse_dynamics(rig, np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)))[0, 0]
+    )
     commands = np.random.default_rng(0).normal(size=50)
-    trace = simulate(World(rig, (), 1e-3, 1.0), lambda k, q, v: (q, v, [float(commands[k])]), ([0.0], [0.0]), 50, 4)
+    trace = simulate(
+        World(rig, (), 1e-3, 1.0),
+        lambda k, q, v: (q, v, [float(commands[k])]),
+        ([0.0], [0.0]),
+        50,
+        4,
+    )
     np.testing.assert_allclose(np.diff(trace.v[:, 0]), commands[:-1] * 4e-3 / inertia, atol=1e-12)
 
 
@@ -130,11 +147,15 @@ def test_a_driven_base_follows_its_path_and_its_imu_tells_it() -> None:
     np.testing.assert_allclose(np.gradient(rate, 1e-4, axis=0)[5:-5], second[5:-5], atol=1e-2)
     path = motion.sampled(2.5e-4, 2.0)
     np.testing.assert_allclose(
-        np.array(path(1.0)).ravel(), np.hstack([x[10_000] for x in (value, rate, second)]), atol=1e-6
+        np.array(path(1.0)).ravel(),
+        np.hstack([x[10_000] for x in (value, rate, second)]),
+        atol=1e-6,
     )
     still = handheld(np.random.default_rng(1), 0.0)
     gyro, force = still.imu(t[:3])
-    np.testing.assert_allclose(np.hstack([gyro, force]), np.tile([0, 0, 0, 0, 0, 9.81], (3, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        np.hstack([gyro, force]), np.tile([0, 0, 0, 0, 0, 9.81], (3, 1)), atol=1e-12
+    )
 
 
 def test_a_moving_base_costs_the_torque_that_mujoco_says() -> None:
@@ -153,7 +174,11 @@ def test_a_moving_base_costs_the_torque_that_mujoco_says() -> None:
     for row in range(0, len(trace.step_q), 97):
         position, rate, second = path((row + 0.5) * world.dt)
         data.qpos[base], data.qvel[base], data.qacc[base] = position, rate, second
-        data.qpos[dofs], data.qvel[dofs], data.qacc[dofs] = trace.step_q[row], trace.step_v[row], trace.step_a[row]
+        data.qpos[dofs], data.qvel[dofs], data.qacc[dofs] = (
+            trace.step_q[row],
+            trace.step_v[row],
+            trace.step_a[row],
+        )
         mujoco.mj_inverse(model, data)
         friction = world.rig.viscous * trace.step_v[row] + trace.step_dry[row]
         left.append(trace.command[row // 8] - data.qfrc_inverse[dofs] - friction)
@@ -172,7 +197,14 @@ def test_dry_friction_opposes_motion_or_holds(seed: int) -> None:
     free, plus, minus = rng.normal(size=3), *rng.uniform(0.0, 2.0, (2, 3))
     dt = 0.1
     friction = np.array(
-        dry_friction(free.tolist(), inverse.tolist(), [0, 1, 2], (plus.tolist(), minus.tolist()), dt, [0.0] * 3)
+        dry_friction(
+            free.tolist(),
+            inverse.tolist(),
+            [0, 1, 2],
+            (plus.tolist(), minus.tolist()),
+            dt,
+            [0.0] * 3,
+        )
     )
     ends = free - dt * inverse @ friction
     assert (friction <= plus).all() and (friction >= -minus).all()
@@ -191,7 +223,9 @@ def breakaway(effects: list[Effect], rig: Rig) -> tuple[float, float]:
 
 def upright() -> Rig:
     rig = rig_of(2, 1)
-    rig = replace(rig, links=(replace(rig.links[0], axis=np.array([0.0, 0.0, 1.0]), rotation=np.eye(3)),))
+    rig = replace(
+        rig, links=(replace(rig.links[0], axis=np.array([0.0, 0.0, 1.0]), rotation=np.eye(3)),)
+    )
     return rig.with_motor(0, replace(rig.motors[0], coulomb=0.05))
 
 
@@ -293,7 +327,9 @@ def test_a_stiff_joint_is_a_rigid_joint() -> None:
     assert stiff < 0.1 * soft
 
 
-@pytest.mark.parametrize(("cause", "form"), [("cogging", "several"), ("saturation", "smooth"), ("delay", "fixed")])
+@pytest.mark.parametrize(
+    ("cause", "form"), [("cogging", "several"), ("saturation", "smooth"), ("delay", "fixed")]
+)
 def test_calibration_reaches_the_wanted_size(cause: str, form: str) -> None:
     scene = scene_of(7, 2, "multisine")
     effect = calibrate(scene, effect_of(scene, cause, form, 0.03), 0.03)
@@ -337,7 +373,9 @@ def test_the_urdf_is_the_given_rig(tmp_path: Path) -> None:
     case = small_case(1)
     files = write(case, tmp_path)
     motion = 0.3 * np.random.default_rng(0).normal(size=(3, 10, 2))
-    np.testing.assert_allclose(urdf_torque(files.urdf, tuple(motion)), inverse_dynamics(case.given, *motion), atol=1e-8)
+    np.testing.assert_allclose(
+        urdf_torque(files.urdf, tuple(motion)), inverse_dynamics(case.given, *motion), atol=1e-8
+    )
     overlay = yaml.safe_load(files.rig.read_text())
     assert (tmp_path / overlay["urdf"]).exists()
     names = [
@@ -358,13 +396,21 @@ def test_a_written_log_reads_back_as_what_was_simulated(tmp_path: Path) -> None:
     for name, values in case.log.items():
         np.testing.assert_allclose(log[name], values, rtol=1e-11, atol=1e-13)
     hidden = write_truth(case, tmp_path / "unseen")
-    assert sorted(path.name for path in (tmp_path / "seen").iterdir()) == ["log.csv", "rig.urdf", "rig.yaml"]
+    assert sorted(path.name for path in (tmp_path / "seen").iterdir()) == [
+        "log.csv",
+        "rig.urdf",
+        "rig.yaml",
+    ]
     with np.load(hidden.oracle) as oracle:
         assert {"t", "q", "v", "a", "tau_total", "tau_effect"} <= set(oracle.files)
         perfect = read_csv(hidden.perfect_log)
         for i, joint in enumerate(case.given.joints):
-            np.testing.assert_allclose(perfect[f"tau_{joint}"], oracle["tau_total"][:, i], rtol=1e-11, atol=1e-13)
-            np.testing.assert_allclose(perfect[f"q_{joint}"], oracle["q"][:, i], rtol=1e-11, atol=1e-13)
+            np.testing.assert_allclose(
+                perfect[f"tau_{joint}"], oracle["tau_total"][:, i], rtol=1e-11, atol=1e-13
+            )
+            np.testing.assert_allclose(
+                perfect[f"q_{joint}"], oracle["q"][:, i], rtol=1e-11, atol=1e-13
+            )
 
 
 def test_a_plan_is_a_case_to_the_last_bit() -> None:
@@ -389,26 +435,40 @@ def test_sensors_blur_no_more_than_they_say() -> None:
     for i, joint in enumerate(case.given.joints):
         q = case.log[f"q_{joint}"]
         np.testing.assert_allclose(q / step, np.round(q / step), atol=1e-6)
-        assert np.abs(q - case.oracle["q"][rows, i]).max() < 0.51 * step + 6.0 * sensors["encoder_noise"]
+        assert (
+            np.abs(q - case.oracle["q"][rows, i]).max()
+            < 0.51 * step + 6.0 * sensors["encoder_noise"]
+        )
         error = case.log[f"tau_{joint}"] - case.oracle["tau_total"][rows, i]
         assert (
             rms(error)
-            < 1.5 * np.hypot(sensors["torque_white"], sensors["torque_coloured"]) * rms(case.oracle["tau_total"])[i]
+            < 1.5
+            * np.hypot(sensors["torque_white"], sensors["torque_coloured"])
+            * rms(case.oracle["tau_total"])[i]
         )
 
 
-@pytest.mark.parametrize(("cause", "form"), [(cause, form) for cause, forms in CORRUPTIONS.items() for form in forms])
+@pytest.mark.parametrize(
+    ("cause", "form"), [(cause, form) for cause, forms in CORRUPTIONS.items() for form in forms]
+)
 def test_corruption_stays_in_its_window(cause: str, form: str) -> None:
     log = small_case(1, "clean").log
     damage = CORRUPTIONS[cause][form](log, np.random.default_rng(3), (0.4, 0.6))
     n = len(log["t"])
-    kept = [len(damage.columns[name]) == n and np.array_equal(damage.columns[name], log[name]) for name in log]
+    kept = [
+        len(damage.columns[name]) == n and np.array_equal(damage.columns[name], log[name])
+        for name in log
+    ]
     assert not all(kept) or set(damage.columns) != set(log)
     assert (np.diff(damage.columns["t"]) > 0.0).all()
     for name in log:
-        np.testing.assert_array_equal(damage.columns[name][: int(0.38 * n)], log[name][: int(0.38 * n)])
+        np.testing.assert_array_equal(
+            damage.columns[name][: int(0.38 * n)], log[name][: int(0.38 * n)]
+        )
         if name != "t" and form != "gaps":
-            np.testing.assert_array_equal(damage.columns[name][int(0.62 * n) :], log[name][int(0.62 * n) :])
+            np.testing.assert_array_equal(
+                damage.columns[name][int(0.62 * n) :], log[name][int(0.62 * n) :]
+            )
 
 
 def test_late_torque_is_the_torque_of_before() -> None:
@@ -453,12 +513,26 @@ def test_five_blocks_hold_every_form_at_every_size() -> None:
 
 def test_trusted_urdfs_are_exact_and_others_are_not() -> None:
     shift = hide(
-        Plan(3, "single", (Hidden("payload-shift", "rigid", 0.1, 0.5),), axes=2, rate=RATE, seconds=4.0, trusted=True)
+        Plan(
+            3,
+            "single",
+            (Hidden("payload-shift", "rigid", 0.1, 0.5),),
+            axes=2,
+            rate=RATE,
+            seconds=4.0,
+            trusted=True,
+        )
     )
     other = small_case(2)
     for case, exact in ((shift, True), (other, False)):
-        twin = draw_rig(np.random.default_rng(np.random.SeedSequence(case.plan.seed).spawn(1)[0]), case.plan.axes)
-        same = all(np.array_equal(a.vector(), b.vector()) for a, b in zip(twin.bodies, case.given.bodies, strict=True))
+        twin = draw_rig(
+            np.random.default_rng(np.random.SeedSequence(case.plan.seed).spawn(1)[0]),
+            case.plan.axes,
+        )
+        same = all(
+            np.array_equal(a.vector(), b.vector())
+            for a, b in zip(twin.bodies, case.given.bodies, strict=True)
+        )
         assert same is exact
 
 
@@ -467,4 +541,6 @@ def test_the_blind_set_knows_nothing_of_the_library() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert not any(name.split(".")[0] in ("gimbal_pin", "pinocchio") for name in names), path
+            assert not any(name.split(".")[0] in ("gimbal_pin", "pinocchio") for name in names), (
+                path
+            )

@@ -31,16 +31,26 @@ def cause(name: str, joint: str | None = "yaw", snr: float = 10.0, **more: Any) 
     return plain | more
 
 
-def truth(stratum: str, *causes: Json, faults: tuple[str, ...] = (), data: str | None = None) -> Json:
+def truth(
+    stratum: str, *causes: Json, faults: tuple[str, ...] = (), data: str | None = None
+) -> Json:
     return {
         "stratum": stratum, "causes": list(causes), "faults": [*faults, *([data] if data else [])],
         "data": {"cause": data} if data else None, "noise_floor": dict.fromkeys(JOINTS, 0.01),
     }  # fmt: skip
 
 
-def finding(name: str, joint: str | None = "yaw", status: str = "named", size: float = 2.0, **more: Any) -> Json:
+def finding(
+    name: str, joint: str | None = "yaw", status: str = "named", size: float = 2.0, **more: Any
+) -> Json:
     parameters = {"size": {"value": size, "std": 0.1, "unit": ""}}
-    told: Json = {"cause": name, "joint": joint, "status": status, "class": [name], "parameters": parameters}
+    told: Json = {
+        "cause": name,
+        "joint": joint,
+        "status": status,
+        "class": [name],
+        "parameters": parameters,
+    }
     return told | more
 
 
@@ -120,7 +130,12 @@ def test_silence_is_never_wrong_and_never_right() -> None:
 
 def test_a_liar_is_caught_everywhere() -> None:
     rows = score((case, diagnosis("named", finding("backlash", "tilt"))) for case in TRUTHS)
-    for name in ("false findings", "named but wrong", "outside the library: something", "data faults: physics"):
+    for name in (
+        "false findings",
+        "named but wrong",
+        "outside the library: something",
+        "data faults: physics",
+    ):
         assert row(rows, name).value == 1.0
     assert row(rows, "first name right, known").value == 0.0
 
@@ -144,15 +159,22 @@ def test_faults_do_not_hide_the_first_name() -> None:
 
 
 def test_the_right_name_on_the_wrong_joint_is_wrong() -> None:
-    case = judge(truth("single", cause("cogging", "yaw")), diagnosis("named", finding("cogging", "tilt")))
+    case = judge(
+        truth("single", cause("cogging", "yaw")), diagnosis("named", finding("cogging", "tilt"))
+    )
     assert named_wrong(case)
     assert not named_wrong(
-        judge(truth("single", cause("base-tilt", None)), diagnosis("named", finding("base-tilt", "tilt")))
+        judge(
+            truth("single", cause("base-tilt", None)),
+            diagnosis("named", finding("base-tilt", "tilt")),
+        )
     )
 
 
 def test_a_class_that_holds_the_truth_is_right() -> None:
-    told = finding("torque-bias", status="ambiguous") | {"class": ["torque-bias", "asymmetric-friction"]}
+    told = finding("torque-bias", status="ambiguous") | {
+        "class": ["torque-bias", "asymmetric-friction"]
+    }
     rows = score([(truth("single", cause("asymmetric-friction")), diagnosis("ambiguous", told))])
     assert row(rows, "first name right, known").value == 1.0
     assert row(rows, "truth in the class").value == 1.0
@@ -176,10 +198,13 @@ def test_a_torque_by_formula_may_be_told_by_either_name() -> None:
 def test_drives_logs_have_rows_of_their_own() -> None:
     clean = truth("drive-clean")
     single = truth("drive-single", cause("cogging"))
-    class_of_two = finding("torque-ripple", status="ambiguous") | {"class": ["torque-ripple", "cogging"]}
+    class_of_two = finding("torque-ripple", status="ambiguous") | {
+        "class": ["torque-ripple", "cogging"]
+    }
     said = diagnosis("unknown", structured=True)
     said["residual"] = {
-        joint: state | {"dispersion": 1.4, "discrepancy": 0.2} for joint, state in said["residual"].items()
+        joint: state | {"dispersion": 1.4, "discrepancy": 0.2}
+        for joint, state in said["residual"].items()
     }
     rows = score([
         (clean, said), (clean, diagnosis("nothing")), (clean, diagnosis("refused")),
@@ -197,7 +222,9 @@ def test_drives_logs_have_rows_of_their_own() -> None:
 
 def test_near_causes_are_near_only_from_outside() -> None:
     wind = cause("wind", outside=True, kin=["friction-drift"])
-    assert near(finding("friction-drift"), wind) and not near(finding("friction-drift", "tilt"), wind)
+    assert near(finding("friction-drift"), wind) and not near(
+        finding("friction-drift", "tilt"), wind
+    )
     assert not near(finding("cogging"), wind)
 
 
@@ -209,7 +236,10 @@ def test_half_of_the_gain_is_half_of_the_gain() -> None:
 
 def test_coverage_counts_what_lies_within_and_reads_other_words() -> None:
     case = truth("single", cause("cogging"))
-    told = [(case, diagnosis("named", finding("cogging", size=2.0 + 0.1 * z))) for z in (0.0, 1.9, -1.9, 2.5)]
+    told = [
+        (case, diagnosis("named", finding("cogging", size=2.0 + 0.1 * z)))
+        for z in (0.0, 1.9, -1.9, 2.5)
+    ]
     assert row(score(told), "interval coverage").value == 0.75
     bias = truth("single", cause("torque-bias", parameters={"bias": 2.0}))
     for bias_told, value in ((-2.0, 1.0), (2.0, 0.0)):

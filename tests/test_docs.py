@@ -44,7 +44,11 @@ class Block(NamedTuple):
     @property
     def commands(self) -> list[list[str]]:
         """The words of its calls of gimbal-pin; scripts/… are commands of the checkout, which run elsewhere."""
-        calls = [shlex.split(line, comments=True) for line in self.text.splitlines()] if self.language == "sh" else []
+        calls = (
+            [shlex.split(line, comments=True) for line in self.text.splitlines()]
+            if self.language == "sh"
+            else []
+        )
         return [words[1:] for words in calls if words and words[0] == "gimbal-pin"]
 
 
@@ -61,10 +65,18 @@ def held(folder: Path) -> None:
 
 
 RUN = [
-    pytest.param(page, slow, marks=[pytest.mark.slow] if slow else [], id=f"{page.stem}{'-slow' if slow else ''}")
+    pytest.param(
+        page,
+        slow,
+        marks=[pytest.mark.slow] if slow else [],
+        id=f"{page.stem}{'-slow' if slow else ''}",
+    )
     for page in PAGES
     for slow in (False, True)
-    if any((block.mark == "slow") == slow and (block.commands or block.language == "python") for block in blocks(page))
+    if any(
+        (block.mark == "slow") == slow and (block.commands or block.language == "python")
+        for block in blocks(page)
+    )
 ]
 
 
@@ -90,7 +102,9 @@ def test_what_a_page_shows_runs(
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_commands_and_links_of_a_page_are_there(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_and_links_of_a_page_are_there(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The slow ones, too: a call that the parser takes, a file that a link names, a program in scripts/."""
     monkeypatch.chdir(tmp_path)
     text = page.read_text(encoding="utf-8")
@@ -115,7 +129,15 @@ def test_commands_and_links_for_language_models_are_there() -> None:
     ]
     calls = [words[words[0] == "gimbal-pin" :] for words in calls]
     verbs = [words for words in calls if words and words[0] in VERBS and len(words) > 1]
-    assert {words[0] for words in verbs} >= {"check", "identify", "diagnose", "tune", "track", "export", "auto"}
+    assert {words[0] for words in verbs} >= {
+        "check",
+        "identify",
+        "diagnose",
+        "tune",
+        "track",
+        "export",
+        "auto",
+    }
     for words in verbs:
         parse_arguments(words)
     for link in LINK.findall(text):
@@ -125,7 +147,9 @@ def test_commands_and_links_for_language_models_are_there() -> None:
 def test_the_reference_has_every_public_name() -> None:
     """And, below *Results*, what these return: names of the rooms, which are there."""
     text = (ROOT / "docs" / "pages" / "reference.md").read_text(encoding="utf-8")
-    functions, results = (re.findall(r"^::: ([\w.]+)$", part, re.M) for part in text.split("## Results"))
+    functions, results = (
+        re.findall(r"^::: ([\w.]+)$", part, re.M) for part in text.split("## Results")
+    )
     functions += [name for name in results if name.count(".") == 1]
     assert sorted(name.rpartition(".")[2] for name in functions) == sorted(gimbal_pin.__all__)
     for room, _, name in (name.rpartition(".") for name in results):
@@ -160,7 +184,9 @@ def test_the_conda_recipe_asks_for_what_the_package_does() -> None:
     asked = {f"{names.get(found[1], found[1])} {found[2]}" for found in wanted if found}
     assert {*recipe["requirements"]["run"][1:]} == asked
     assert recipe["context"]["version"] == project["version"]
-    assert recipe["build"]["python"]["entry_points"] == [f"{k} = {v}" for k, v in project["scripts"].items()]
+    assert recipe["build"]["python"]["entry_points"] == [
+        f"{k} = {v}" for k, v in project["scripts"].items()
+    ]
 
 
 @pytest.mark.slow
@@ -182,7 +208,11 @@ def test_axe_has_nothing_against_the_built_pages_light_or_dark(tmp_path: Path) -
     subprocess.run(build, env={**os.environ, "PYTHONPATH": "docs"}, cwd=ROOT, check=True)
     for page in sorted(set(tmp_path.glob("*.html")) - {tmp_path / "404.html"}):
         found = list[Any]()
-        audits = [step for scheme in ("light", "dark") for step in (media("screen", scheme), pause(1.0), audit(found))]
+        audits = [
+            step
+            for scheme in ("light", "dark")
+            for step in (media("screen", scheme), pause(1.0), audit(found))
+        ]
         seen = visit(page.as_uri(), OPEN, wide(1280), *audits)
         assert (found, seen.complaints) == ([], [])
         assert all(one.startswith(tmp_path.as_uri()) for one in seen.requests)

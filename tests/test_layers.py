@@ -18,7 +18,9 @@ PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 ROOMS = sorted({path.relative_to(PACKAGE).parts[0] for path in FILES})
 
-BELOW = "errors rig log effects dynamics regression checks identification excitation control diagnosis"
+BELOW = (
+    "errors rig log effects dynamics regression checks identification excitation control diagnosis"
+)
 ORDER = f"{BELOW} pointing export fleet report studio cli".split()
 """Rooms of the package, each of which imports only what stands before it."""
 
@@ -45,7 +47,13 @@ HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "scipy.io", "mes
 HEAVY |= {"h5py", "rosbags", "pyulog", "casadi", "serial", "mcap_ros2", "rerun"}
 LOOKED_AT = ("rig/brief", "gimbal_pin.report.pages")
 """The one import of a higher room, by whom and of what: `Record` asks how it looks when a person looks at it."""
-NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simulation", "diagnosis")
+NAMELESS = (
+    "identification",
+    "dynamics/apply",
+    "dynamics/drive",
+    "dynamics/simulation",
+    "diagnosis",
+)
 """Verbs that know causes, but none of them by name."""
 
 OPENS_WITHOUT_A_NOUN_OR_VERB = re.compile(
@@ -70,14 +78,18 @@ def imports(path: Path, nodes: Iterator[ast.AST] | None = None) -> Iterator[tupl
             assert node.level == 0, f"{path}:{node.lineno}: relative import"
             yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
         elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-            yield from ((node.lineno, name.value) for name in node.args if isinstance(name, ast.Constant))
+            yield from (
+                (node.lineno, name.value) for name in node.args if isinstance(name, ast.Constant)
+            )
 
 
 def at_load(node: ast.AST) -> Iterator[ast.AST]:
     """Yield the nodes that run when the module is loaded: not in functions, not for the type checker alone."""
     for child in ast.iter_child_nodes(node):
         checking = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)
-        if not checking and not isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+        if not checking and not isinstance(
+            child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
+        ):
             yield child
             yield from at_load(child)
 
@@ -107,22 +119,32 @@ def check_rules(path: Path) -> None:
             continue
         is_below = place == "__init__" or ORDER.index(parts[1]) <= ORDER.index(own)
         assert is_below or (place, name) == LOOKED_AT, f"{where}, which stands above it"
-        if plugins and inner not in READERS and name.startswith(f"gimbal_pin.{plugins.replace('/', '.')}."):
+        if (
+            plugins
+            and inner not in READERS
+            and name.startswith(f"gimbal_pin.{plugins.replace('/', '.')}.")
+        ):
             other = parts[1 + len(plugins.split("/"))]
             assert other in SHARED[plugins], f"{where}: plug-ins do not import each other"
         if place.startswith(NAMELESS) and parts[1] == "effects":
             assert not concrete(parts[2:]), f"{where}: it should not know this cause by name"
     for line, name in imports(path, at_load(parse(path))):
         heavy = [module for module in HEAVY if f"{name}.".startswith(f"{module}.")]
-        assert not heavy, f"{path}:{line}: imports {name} when loaded, import it in the function that uses it"
+        assert not heavy, (
+            f"{path}:{line}: imports {name} when loaded, import it in the function that uses it"
+        )
     for node in ast.walk(parse(path)):
         if isinstance(node, ast.ExceptHandler):
             caught = ast.unparse(node.type) if node.type else "everything"
             passed_on = ast.unparse(node.body[-1]) == "raise"
             all_of_it = caught in ("everything", "Exception", "BaseException")
-            assert passed_on or not all_of_it, f"{path}:{node.lineno}: catches {caught} and keeps it"
+            assert passed_on or not all_of_it, (
+                f"{path}:{node.lineno}: catches {caught} and keeps it"
+            )
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "print":
-            assert path == PACKAGE / "cli" / "present.py", f"{path}:{node.lineno}: prints, which `say` is for"
+            assert path == PACKAGE / "cli" / "present.py", (
+                f"{path}:{node.lineno}: prints, which `say` is for"
+            )
 
 
 def concrete(name: list[str]) -> bool:
@@ -137,14 +159,20 @@ def test_only_the_errors_stand_beside_the_rooms() -> None:
 
 
 def test_no_module_imports_itself_by_way_of_others() -> None:
-    modules = {".".join((PACKAGE.name, *inside(path).split("/"))).removesuffix(".__init__"): path for path in FILES}
+    modules = {
+        ".".join((PACKAGE.name, *inside(path).split("/"))).removesuffix(".__init__"): path
+        for path in FILES
+    }
     needs = {
         module: {
-            name if name in modules else name.rpartition(".")[0] for _, name in imports(path, at_load(parse(path)))
+            name if name in modules else name.rpartition(".")[0]
+            for _, name in imports(path, at_load(parse(path)))
         }
         for module, path in modules.items()
     }
-    order = TopologicalSorter({module: found & modules.keys() - {module} for module, found in needs.items()})
+    order = TopologicalSorter(
+        {module: found & modules.keys() - {module} for module, found in needs.items()}
+    )
     assert len(list(order.static_order())) == len(modules)  # a circle raises CycleError
 
 
@@ -153,27 +181,40 @@ def test_the_rules_are_about_files_that_exist() -> None:
     assert all((PACKAGE / f"{name}.py").is_file() or (PACKAGE / name).is_dir() for name in NAMELESS)
     for folder, names in SHARED.items():
         assert all((PACKAGE / folder / f"{name}.py").is_file() for name in names)
-    assert concrete(["Stribeck"]) and concrete(["payload_shift", "PayloadShift"]) and not concrete(["Effect"])
+    assert (
+        concrete(["Stribeck"])
+        and concrete(["payload_shift", "PayloadShift"])
+        and not concrete(["Effect"])
+    )
 
 
 def test_studies_import_what_the_package_has() -> None:
     """No test runs most of them: a name that was moved or renamed shows here."""
     scripts = [
-        path for path in (PACKAGE.parent / "scripts").rglob("*") if path.is_file() and path.suffix in ("", ".py")
+        path
+        for path in (PACKAGE.parent / "scripts").rglob("*")
+        if path.is_file() and path.suffix in ("", ".py")
     ]
     for path in scripts:
         text = path.read_text(encoding="utf-8")
         if path.suffix == ".py" or text.startswith("#!/usr/bin/env python"):
             for node in ast.walk(ast.parse(text)):
-                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gimbal_pin"):
+                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(
+                    "gimbal_pin"
+                ):
                     found = importlib.import_module(str(node.module))
-                    assert all(hasattr(found, alias.name) for alias in node.names), (path, ast.unparse(node))
+                    assert all(hasattr(found, alias.name) for alias in node.names), (
+                        path,
+                        ast.unparse(node),
+                    )
 
 
 def test_loading_the_command_line_and_a_rig_loads_nothing_heavy() -> None:
     load = "import sys, gimbal_pin.cli; from gimbal_pin.rig.rig import Rig; Rig.load('turret')"
     code = f"{load}; print([name for name in {sorted(HEAVY)} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], cwd=PACKAGE.parent, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=PACKAGE.parent, capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "[]"
 
 
@@ -194,7 +235,11 @@ def yield_docstrings(tree: ast.Module) -> Iterator[str]:
         body = getattr(node, "body", None)
         for statement in body if isinstance(body, list) else ():
             value = getattr(statement, "value", None)
-            if isinstance(statement, ast.Expr) and isinstance(value, ast.Constant) and isinstance(value.value, str):
+            if (
+                isinstance(statement, ast.Expr)
+                and isinstance(value, ast.Constant)
+                and isinstance(value.value, str)
+            ):
                 yield value.value.strip()
 
 
@@ -202,7 +247,10 @@ def test_files_keep_the_rules_of_style_or_are_listed() -> None:
     broken = {
         inside(path)
         for path in FILES
-        if packs_assignments(parse(path)) or any(map(OPENS_WITHOUT_A_NOUN_OR_VERB.match, yield_docstrings(parse(path))))
+        if packs_assignments(parse(path))
+        or any(map(OPENS_WITHOUT_A_NOUN_OR_VERB.match, yield_docstrings(parse(path))))
     }
-    assert not broken - TO_REWRITE, "these pack assignments, or a docstring opens without a noun or verb"
+    assert not broken - TO_REWRITE, (
+        "these pack assignments, or a docstring opens without a noun or verb"
+    )
     assert not TO_REWRITE - broken, "take these off tests/to_rewrite.txt"

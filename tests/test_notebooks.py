@@ -25,7 +25,9 @@ def test_every_cell_of_a_notebook_shows_its_last_line(
     from traitlets.config import Config
 
     monkeypatch.chdir(tmp_path)
-    config = Config({"HistoryManager": {"enabled": False}, "InteractiveShell": {"colors": "nocolor"}})
+    config = Config(
+        {"HistoryManager": {"enabled": False}, "InteractiveShell": {"colors": "nocolor"}}
+    )
     shell = interactive.InteractiveShell(config=config, ipython_dir=str(tmp_path))
     for code in cells_of(path):
         done = shell.run_cell(code)

@@ -24,4 +24,6 @@ def test_inverse_dynamics_of_a_plant_are_those_of_its_urdf(name: str, tmp_path: 
     plant = rigid_bodies(etree.fromstring(gimbal.write_urdf(payload=True)))
     names = [each.name for each in gimbal.axes]
     assert list(rig.joints) == names
-    np.testing.assert_allclose(torque(plant, names, q, v, a), nominal(rig).inverse(q, v, a), atol=1e-6)
+    np.testing.assert_allclose(
+        torque(plant, names, q, v, a), nominal(rig).inverse(q, v, a), atol=1e-6
+    )

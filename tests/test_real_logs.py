@@ -19,13 +19,17 @@ RIVALS = ("cogging", "position-dependent-friction", "saturation", "dead-zone")
 """What else explains a part of it."""
 
 
-def said(folder: str, urdf: str, files: list[str], columns: list[str], causes: tuple[str, ...]) -> Diagnosis:
+def said(
+    folder: str, urdf: str, files: list[str], columns: list[str], causes: tuple[str, ...]
+) -> Diagnosis:
     place = DATA / folder
     if not place.is_dir():
         pytest.skip(f"../shared/data/{folder} is not there")
     rig = Rig.load(place / urdf)
     logs = [read_log(place / file, rig, columns) for file in files]
-    return diagnose(rig, logs, {name: CAUSES[name] for name in causes}, rng=np.random.default_rng(0))
+    return diagnose(
+        rig, logs, {name: CAUSES[name] for name in causes}, rng=np.random.default_rng(0)
+    )
 
 
 def test_the_turning_motors_cogging_is_found_blind() -> None:
@@ -39,14 +43,22 @@ def test_the_turning_motors_cogging_is_found_blind() -> None:
     assert found.verdict == "named" and found.findings[0].alike == ("cogging",)
     harmonics = {p.value for p in found.findings[0].parameters if p.name.startswith("harmonic")}
     assert len(harmonics & EXPECTED) >= 5
-    before, after = (one["torque_rmse"]["motor"] / constant for one in (found.baseline, found.extended))
+    before, after = (
+        one["torque_rmse"]["motor"] / constant for one in (found.baseline, found.extended)
+    )
     assert before > 0.55 and after < 0.22
-    assert not found.spoiling and any("44 % of the samples are lost" in note for note in found.notes)
+    assert not found.spoiling and any(
+        "44 % of the samples are lost" in note for note in found.notes
+    )
 
 
 def test_the_double_pendulums_logs_disagree() -> None:
     names = [("q", "pos"), ("dq", "vel"), ("tau", "tau")]
-    columns = [f"{ours}_{joint}={theirs}{k}" for k, joint in ((1, "shoulder"), (2, "elbow")) for ours, theirs in names]
+    columns = [
+        f"{ours}_{joint}={theirs}{k}"
+        for k, joint in ((1, "shoulder"), (2, "elbow"))
+        for ours, theirs in names
+    ]
     files = [f"20220812-{run}-PM_measured.csv" for run in ("055640", "060143", "061157")]
     found = said(
         "dfki_double_pendulum",
@@ -62,7 +74,13 @@ def test_the_double_pendulums_logs_disagree() -> None:
 def test_no_statement_on_a_noisy_pendulum_is_beyond_what_a_body_can_have() -> None:
     """Its rate's noise makes the fitted inertia negative: that is no figure of the arm."""
     columns = ["t=time", "q_shoulder=position", "dq_shoulder=velocity", "tau_shoulder=torque"]
-    found = said("dfki_simple_pendulum", "pendulum.urdf", ["system_identification.csv"], columns, ("stribeck",))
+    found = said(
+        "dfki_simple_pendulum",
+        "pendulum.urdf",
+        ["system_identification.csv"],
+        columns,
+        ("stribeck",),
+    )
     (note,) = (note for note in found.notes if "inertia about its axis" in note)
     assert "does not determine" in note and "%" not in note
 
@@ -73,7 +91,9 @@ def test_no_saturation_lies_below_the_torque_that_the_arm_measured() -> None:
     assert not found.findings
 
 
-@pytest.mark.xfail(strict=True, reason="a base that moves unmeasured is taken for delays: new diagnosis")
+@pytest.mark.xfail(
+    strict=True, reason="a base that moves unmeasured is taken for delays: new diagnosis"
+)
 def test_a_base_that_moves_without_its_imu_is_unknown() -> None:
     place = DATA.parent / "cases"
     if not place.is_dir():

@@ -27,18 +27,30 @@ from tests.rigs import bundled, chain
 
 URDF = cases.CAMERA.replace("tilt", "motor")
 SOUND = Outcome(0, 1.0, "", "", {"held_out": None})
-DATA = ("acceleration-noise", "clock", "commanded-torque", "controller-formula", "filtered-velocity", "logs-disagree")
+DATA = (
+    "acceleration-noise",
+    "clock",
+    "commanded-torque",
+    "controller-formula",
+    "filtered-velocity",
+    "logs-disagree",
+)
 COLUMNS = ("t=t", "q_motor=q", "tau_motor=tau")
 
 
-def found(cause: str, joint: str, status: str = "named", **sizes: tuple[float, float | None]) -> dict[str, Any]:
+def found(
+    cause: str, joint: str, status: str = "named", **sizes: tuple[float, float | None]
+) -> dict[str, Any]:
     told = {name: {"value": value, "std": std, "unit": ""} for name, (value, std) in sizes.items()}
     return {"cause": cause, "joint": joint, "status": status, "parameters": told}
 
 
 def diagnosed(*findings: dict[str, Any], left: float = 0.1, **more: Any) -> Outcome:
     """A diagnosis of one motor, whose held-out error was 1 and is `left`."""
-    parts = {"baseline": {"torque_rmse": {"motor": 1.0}}, "extended": {"torque_rmse": {"motor": left}}}
+    parts = {
+        "baseline": {"torque_rmse": {"motor": 1.0}},
+        "extended": {"torque_rmse": {"motor": left}},
+    }
     told = {"verdict": "named" if findings else "nothing", "findings": list(findings), **parts}
     return Outcome(0, 2.0, "", "", told | {"residual": {"motor": {"state": "noise"}}} | more)
 
@@ -62,13 +74,26 @@ def test_every_named_log_is_asked_about(tmp_path: Path) -> None:
     assert all(line.passed is None and "not run" in line.figure for line in lines)
     assert real.count(lines) == f"0 passed, 0 failed, {len(lines)} skipped"
     titles = " ".join(line.title for line in lines)
-    for word in ("odrive", "laas", "simple", "double_061157", "UR10e", "rub_gimbal", "phantom4_motion"):
+    for word in (
+        "odrive",
+        "laas",
+        "simple",
+        "double_061157",
+        "UR10e",
+        "rub_gimbal",
+        "phantom4_motion",
+    ):
         assert word in titles
     assert cases.public(tmp_path) == []
 
 
 def test_a_runs_words_name_logs_and_maps() -> None:
-    case = Case("two", "turret", (Path("a.csv"), Path("b.csv")), cases.joints({"q": "pos{}"}, ("pan", "tilt")))
+    case = Case(
+        "two",
+        "turret",
+        (Path("a.csv"), Path("b.csv")),
+        cases.joints({"q": "pos{}"}, ("pan", "tilt")),
+    )
     words = case.arguments("diagnose", Path("out"))
     maps = ["--map", "q_pan=pos1", "--map", "q_tilt=pos2"]
     assert words == ["diagnose", "turret", "a.csv", "b.csv", *maps, "--json", "out/told/run.json"]
@@ -79,7 +104,10 @@ def test_three_files_are_one_log_of_some_joints(tmp_path: Path) -> None:
     (clone / "urdf").mkdir(parents=True)
     (clone / "urdf" / "tiago_schunk.urdf").write_text(URDF)
     (case,) = cases.public(tmp_path)
-    assert not case.there and sorted(read_mapping(case.maps))[:2] == ["dq_arm_1_joint", "dq_arm_2_joint"]
+    assert not case.there and sorted(read_mapping(case.maps))[:2] == [
+        "dq_arm_1_joint",
+        "dq_arm_2_joint",
+    ]
     for path in files_of(case.logs[0]):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
@@ -107,7 +135,13 @@ def test_currents_in_a_file_without_a_header(tmp_path: Path) -> None:
 def test_a_run_is_kept_and_not_repeated(tiny: Path, tmp_path: Path) -> None:
     """A log that is too slow for its limit is killed; what was kept stays until it is asked for again."""
     place = tiny / "odrive_cogging"
-    case = Case("odrive_tiny", place / "rotor.urdf", (place / "log.csv",), COLUMNS, {"diagnose": ("--help",)})
+    case = Case(
+        "odrive_tiny",
+        place / "rotor.urdf",
+        (place / "log.csv",),
+        COLUMNS,
+        {"diagnose": ("--help",)},
+    )
     lost = replace(case, name="lost", logs=(place / "none.csv",))
     folder = tmp_path / "results"
     real.run_missing([case, lost], folder, 60.0)
@@ -139,7 +173,11 @@ KNOWN = Known(
 @pytest.mark.parametrize(
     ("finding", "left", "judged"),
     [
-        (found("cogging", "motor", harmonic=(72.0, None), harmonic2=(18.0, None)), 0.1, Class.RIGHT),
+        (
+            found("cogging", "motor", harmonic=(72.0, None), harmonic2=(18.0, None)),
+            0.1,
+            Class.RIGHT,
+        ),
         (found("cogging", "motor", harmonic=(18.0, None)), 0.1, Class.HONEST),
         (found("cogging", "motor", harmonic=(72.0, None)), 0.31, Class.HONEST),
         (found("cogging", "motor", "ambiguous", harmonic=(72.0, None)), 0.1, Class.HONEST),
@@ -178,7 +216,9 @@ def test_a_body_that_cannot_be_is_wrong(note: str, judged: Class) -> None:
     [(3, "no\n", 0.9, Class.REFUSED), (3, "no\n", 0.1, Class.HONEST), (1, "no\n", 0.1, Class.ERROR),
      (None, "", 0.1, Class.ERROR)],
 )  # fmt: skip
-def test_classes_of_a_log_without_an_answer(code: int | None, error: str, share: float, judged: Class) -> None:
+def test_classes_of_a_log_without_an_answer(
+    code: int | None, error: str, share: float, judged: Class
+) -> None:
     outcome = replace(SOUND, exit=code, error=error, result=None)
     assert judge("tiny", KNOWN, outcome, lambda: share).judged == judged
 
@@ -186,18 +226,28 @@ def test_classes_of_a_log_without_an_answer(code: int | None, error: str, share:
 def test_the_table_knows_causes_and_parameters_that_there_are(tmp_path: Path) -> None:
     """Else a renamed cause or parameter would pass whatever is named; and every log with torque has a device."""
     for device in DEVICES:
-        for cause in (*(c for one in device.found for c in one.split("|")), *device.denied, *device.faults):
+        for cause in (
+            *(c for one in device.found for c in one.split("|")),
+            *device.denied,
+            *device.faults,
+        ):
             assert cause.partition("@")[0] in {"*", *CAUSES, *DATA}, cause
         for size in device.sizes:
             kind = CAUSES[size.cause]
             coefficients = kind("motor").coefficients if size.cause == "armature" else ()
-            assert size.parameter in {parameter.name for parameter in (*kind.shapes, *coefficients)}, size
+            assert size.parameter in {
+                parameter.name for parameter in (*kind.shapes, *coefficients)
+            }, size
     every = [*cases.measured(tmp_path, tmp_path), *cases.benchmarks(tmp_path)]
     assert not [case.name for case in every if known_of(case.name) is None]
 
 
 def test_a_device_of_which_nothing_is_known_fails() -> None:
-    for outcome in (diagnosed(), diagnosed(found("cogging", "motor")), replace(SOUND, exit=3, result=None)):
+    for outcome in (
+        diagnosed(),
+        diagnosed(found("cogging", "motor")),
+        replace(SOUND, exit=3, result=None),
+    ):
         assert judge("tiny", None, outcome, lambda: 0.0).judged == Class.UNKNOWN
 
 
@@ -206,7 +256,9 @@ def test_a_device_of_which_nothing_is_known_fails() -> None:
     [("clock", True, Class.WRONG), ("outliers", True, Class.WRONG), ("clock", False, Class.HONEST),
      ("filtered-velocity", True, Class.HONEST)],
 )  # fmt: skip
-def test_a_fault_that_the_data_do_not_have_is_wrong(cause: str, unreliable: bool, judged: Class) -> None:
+def test_a_fault_that_the_data_do_not_have_is_wrong(
+    cause: str, unreliable: bool, judged: Class
+) -> None:
     fault = found(cause, "motor", "data") | {"makes_physics_unreliable": unreliable}
     known = replace(KNOWN, faults=("filtered-velocity",))
     assert judge("tiny", known, diagnosed(fault), lambda: 1.0).judged == judged
@@ -214,7 +266,10 @@ def test_a_fault_that_the_data_do_not_have_is_wrong(cause: str, unreliable: bool
 
 def test_a_log_without_torque_is_rightly_refused_and_never_diagnosed() -> None:
     known = Known("gimbal", ("tiny",), has_torque=False)
-    assert judge("tiny", known, replace(SOUND, exit=3, error="no\n", result=None), lambda: 1.0).judged == Class.HONEST
+    assert (
+        judge("tiny", known, replace(SOUND, exit=3, error="no\n", result=None), lambda: 1.0).judged
+        == Class.HONEST
+    )
     assert judge("tiny", known, diagnosed(), lambda: 1.0).judged == Class.WRONG
 
 
@@ -226,8 +281,13 @@ def test_a_probability_is_printed_where_there_is_one() -> None:
 def test_an_inertia_and_a_formula_of_identify() -> None:
     rows = [{"name": "rotor.Izz", "value": -1e-6, "std": 1e-8, "unit": "kg m^2"}]
     negative = replace(SOUND, result={"base_parameters": rows, "notes": []})
-    said = replace(SOUND, result={"base_parameters": rows, "notes": ["the inertia of motor is undetermined"]})
-    assert not checks.inertia_is_positive(negative, diagnosed())[0] and checks.inertia_is_positive(said, diagnosed())[0]
+    said = replace(
+        SOUND, result={"base_parameters": rows, "notes": ["the inertia of motor is undetermined"]}
+    )
+    assert (
+        not checks.inertia_is_positive(negative, diagnosed())[0]
+        and checks.inertia_is_positive(said, diagnosed())[0]
+    )
     assert not checks.formula_in_identify(negative)[0]
 
 
@@ -249,7 +309,9 @@ def test_two_engines_side_by_side() -> None:
     assert "identify" in real.side_by_side({verb: SOUND}, {verb: replace(SOUND, exit=3)})
 
 
-def test_the_true_model_is_as_good_as_least_squares_and_a_wrong_one_is_worse(tmp_path: Path) -> None:
+def test_the_true_model_is_as_good_as_least_squares_and_a_wrong_one_is_worse(
+    tmp_path: Path,
+) -> None:
     """Of a log without noise, on the same held-out samples."""
     true = nominal(bundled("turret"))
     log: Log = prescribed(true, seconds=6.0, dt=0.005)

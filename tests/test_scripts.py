@@ -9,7 +9,11 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).parents[1] / "scripts"
-MODULES = sorted(found.name for found in pkgutil.walk_packages([str(FOLDER)]) if not found.name.endswith("__main__"))
+MODULES = sorted(
+    found.name
+    for found in pkgutil.walk_packages([str(FOLDER)])
+    if not found.name.endswith("__main__")
+)
 MAINS = sorted(f"{path.parent.name}.__main__" for path in FOLDER.glob("*/__main__.py"))
 
 

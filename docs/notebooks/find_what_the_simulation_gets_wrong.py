@@ -21,7 +21,9 @@ gimbal_pin.rehearse(rig, motion.motion, rng=0)
 # The real gimbal; here it is simulated, and its first motor has teeth that the URDF does not know.
 
 # %%
-plant = plant_with(gimbal_pin.nominal(rig), [parse_effect("cogging:pan:amplitude=0.03,harmonic=12", rig)]).plant
+plant = plant_with(
+    gimbal_pin.nominal(rig), [parse_effect("cogging:pan:amplitude=0.03,harmonic=12", rig)]
+).plant
 log = gimbal_pin.bench_run(plant, rng=0, seconds=25.0)
 log
 

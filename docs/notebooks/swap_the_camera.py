@@ -36,8 +36,12 @@ swapped
 # The gains before and after.
 
 # %%
-before, after = (gimbal_pin.tune(one, disk_margin=1.0) for one in (known.model, swapped.first.model))
+before, after = (
+    gimbal_pin.tune(one, disk_margin=1.0) for one in (known.model, swapped.first.model)
+)
 after
 
 # %%
-before.to_frame().merge(after.to_frame(), on="name", suffixes=(" before", " after")).filter(regex="name|^k|bandwidth")
+before.to_frame().merge(after.to_frame(), on="name", suffixes=(" before", " after")).filter(
+    regex="name|^k|bandwidth"
+)

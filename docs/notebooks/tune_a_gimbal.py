@@ -45,4 +45,6 @@ gimbal_pin.track(plant, laws, rng=0, one_by_one=False, delay=tuning.wish.samples
 # The same numbers as a table; `tuning.report("tuning.html")` writes the page.
 
 # %%
-tuning.to_frame().set_index("name")[["kp", "ki", "kd", "bandwidth_hz", "disk_margin", "phase_margin_deg"]]
+tuning.to_frame().set_index("name")[
+    ["kp", "ki", "kd", "bandwidth_hz", "disk_margin", "phase_margin_deg"]
+]

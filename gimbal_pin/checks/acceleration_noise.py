@@ -85,22 +85,32 @@ def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examin
     step = find_step(log.q[:, worst])
     cause = "acceleration-noise"
     bits = np.log2(2 * np.pi / step) if step else 0.0
-    coarse = f" (encoder steps of {digits(1000 * step, 2)} mrad, {bits:.0f} bits per turn)" if step else ""
+    coarse = (
+        f" (encoder steps of {digits(1000 * step, 2)} mrad, {bits:.0f} bits per turn)"
+        if step
+        else ""
+    )
     unreliable = bias > MATERIAL
     end = f"at {cutoff:g} Hz it does no harm"
     if walk > MAX_CUTOFF_DEPENDENCE:
         end += f"; a cutoff of {digits(raised * cutoff, 2)} Hz would change the torque by {digits(100 * walk, 2)} %"
     if unreliable:
-        end = f"it changes the parameters by {digits(100 * bias, 2)} % of the torque at {cutoff:g} Hz"
+        end = (
+            f"it changes the parameters by {digits(100 * bias, 2)} % of the torque at {cutoff:g} Hz"
+        )
     joint = rig.joints[worst]
-    sentence = f"{joint}: noise is {digits(share, 2)} times the motion's own acceleration{coarse}; {end}"
+    sentence = (
+        f"{joint}: noise is {digits(share, 2)} times the motion's own acceleration{coarse}; {end}"
+    )
     mend = (
         "record with a finer encoder or a gyro, faster motion, and at least 30 s; use the estimate by instrumental "
         "variables until then"
     )
     strength = share / DROWNED
     slight = not unreliable and walk <= MAX_CUTOFF_DEPENDENCE
-    return Examined(Fault(cause, joint, sentence, figures, strength, unreliable, mend, answer, slight=slight))
+    return Examined(
+        Fault(cause, joint, sentence, figures, strength, unreliable, mend, answer, slight=slight)
+    )
 
 
 def take_half(segment: Segment, first: int) -> Segment:
@@ -113,7 +123,9 @@ def raise_cutoff(design: Design, factor: float) -> Design:
     """Return a design of the same smooth channels with the rows' cutoff so many times as high."""
     now = design.filtering
     direction = None if now.direction is None else now.direction / factor
-    wider = replace(now, cutoff=factor * now.cutoff, smoothing=now.smoothing / factor, direction=direction)
+    wider = replace(
+        now, cutoff=factor * now.cutoff, smoothing=now.smoothing / factor, direction=direction
+    )
     return replace(design, filtering=wider)
 
 
@@ -123,16 +135,24 @@ def compute_noise_share(log: Log, filtering: Filtering) -> Array | None:
     From the angle's noise or, where there is one, the rate's, by whichever says less. The angle's noise is taken over
     the stamps and over an even clock, whichever gives less: stamps that jitter are no noise of the encoder.
     """
-    long = [part for part in split_segments(log, filtering.cutoff) if part.dt * part.length > 1.0 / filtering.cutoff]
+    long = [
+        part
+        for part in split_segments(log, filtering.cutoff)
+        if part.dt * part.length > 1.0 / filtering.cutoff
+    ]
     if not long or len(log) < 8 * JUDGED_PARTS:
         return None
     rate = 1.0 / log.dt
     smoothing = filtering.cutoff * filtering.smoothing
     slow = signals.lowpass(filtering.cutoff, rate)
-    a = [signals.zero_phase(smooth_samples(part, filtering, 0, part.length).a, slow) for part in long]
+    a = [
+        signals.zero_phase(smooth_samples(part, filtering, 0, part.length).a, slow) for part in long
+    ]
     size = np.maximum(np.std(np.concatenate(a), axis=0), 1e-300)
     sections = signals.lowpass(smoothing, rate)
-    once, twice = (signals.compute_noise_gain(sections, rate, derivatives) for derivatives in (1, 2))
+    once, twice = (
+        signals.compute_noise_gain(sections, rate, derivatives) for derivatives in (1, 2)
+    )
     clocks = (log.t, separate_jitter(log.t).steady)
     local = np.min([estimate_local_noise(t, log.q, JUDGED_PARTS) for t in clocks], axis=0)
     noise = twice * estimate_angle_noise(log, local)
@@ -156,14 +176,18 @@ def compute_change(rows: Sequence[Block], first: Estimate, second: Estimate) -> 
     return np.asarray(np.sqrt(np.maximum(moved - expected, 0.0) / felt))
 
 
-def estimate_answer(log: Log, made: Design, rows: Sequence[Block], crossed: Estimate) -> tuple[Parameter, ...]:
+def estimate_answer(
+    log: Log, made: Design, rows: Sequence[Block], crossed: Estimate
+) -> tuple[Parameter, ...]:
     """Return base parameters and friction by instrumental variables, at the given cutoff.
 
     The reference's own columns are the instruments where the log holds a reference and the joints follow it: it knows
     nothing of the sensors' noise, coloured or not. Else each half of the samples is the other's: `crossed`.
     """
     found = crossed
-    if log.q_ref is not None and np.all(np.std(log.q - log.q_ref, axis=0) <= FOLLOWS * np.std(log.q_ref, axis=0)):
+    if log.q_ref is not None and np.all(
+        np.std(log.q - log.q_ref, axis=0) <= FOLLOWS * np.std(log.q_ref, axis=0)
+    ):
         found = fit_instrumental(rows, [block.A for block in made.iterate_blocks(take_reference)])
     values = zip(made.names, found.theta.tolist(), made.units, found.std.tolist())
     return tuple(Parameter(name, value, unit, std=std) for name, value, unit, std in values)

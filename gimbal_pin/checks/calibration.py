@@ -66,9 +66,19 @@ class Mounting:
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data, SI units."""
         return {
-            "misalignment": {"value": self.misalignment.tolist(), "std": self.std[:3].tolist(), "unit": "rad"},
-            "gyro_bias": {"value": self.bias.tolist(), "std": self.std[3:].tolist(), "unit": "rad/s"},
-            "difference_rms": {"before": self.before, "after": self.after} if self.before == self.before else None,
+            "misalignment": {
+                "value": self.misalignment.tolist(),
+                "std": self.std[:3].tolist(),
+                "unit": "rad",
+            },
+            "gyro_bias": {
+                "value": self.bias.tolist(),
+                "std": self.std[3:].tolist(),
+                "unit": "rad/s",
+            },
+            "difference_rms": {"before": self.before, "after": self.after}
+            if self.before == self.before
+            else None,
         }
 
     @property
@@ -112,12 +122,17 @@ def estimate_mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
     before, after = ([np.nan, *np.sqrt(np.mean(x**2, axis=(1, 2)))] for x in (first, last))
     rate = np.sqrt(np.mean(gyro**2, axis=(1, 2)))
     rows = zip(links, turns, biases, std, before, after, rate)
-    return {link: Mounting(M, b, s, float(x), float(y), float(z)) for link, M, b, s, x, y, z in rows}
+    return {
+        link: Mounting(M, b, s, float(x), float(y), float(z)) for link, M, b, s, x, y, z in rows
+    }
 
 
 def _gyro_links(rig: Rig, log: Log) -> tuple[str, ...]:
     """Links with a gyro, the base first: it is there whether it has one or not."""
-    return (rig.base, *(link for link, imu in log.imus.items() if imu.gyro is not None and link != rig.base))
+    return (
+        rig.base,
+        *(link for link, imu in log.imus.items() if imu.gyro is not None and link != rig.base),
+    )
 
 
 def _read_gyro(log: Log, link: str) -> Array:
@@ -138,10 +153,17 @@ def _filter_and_thin(rig: Rig, log: Log, links: Sequence[str]) -> tuple[Array, A
     sections = signals.lowpass(_CUTOFF, 1 / dt)
     edge = min(round(signals.compute_lowpass_settling(_CUTOFF) / dt), len(grid) // 4)
     keep = slice(edge, len(grid) - edge, max(1, round(1 / (2 * _CUTOFF * dt))))
-    gyro = [signals.zero_phase(signals.resample(log.t, _read_gyro(log, x), grid), sections)[keep] for x in links]
+    gyro = [
+        signals.zero_phase(signals.resample(log.t, _read_gyro(log, x), grid), sections)[keep]
+        for x in links
+    ]
     q = signals.zero_phase(signals.resample(log.t, log.q, grid), sections)
     turned, jacobians = _compute_kinematics(rig, q[keep], links[1:])
-    return np.stack(gyro), turned, np.einsum("lmij,mj->lmi", jacobians, signals.differentiate(q, dt)[keep])
+    return (
+        np.stack(gyro),
+        turned,
+        np.einsum("lmij,mj->lmi", jacobians, signals.differentiate(q, dt)[keep]),
+    )
 
 
 def _solve_corrections(
@@ -194,7 +216,9 @@ def _compute_kinematics(rig: Rig, q: Array, links: Sequence[str]) -> tuple[Array
         pin.updateFramePlacements(rig.model, data)
         for i, frame in enumerate(frames):
             turned[i, k] = data.oMf[frame].rotation.T
-            jacobians[i, k] = pin.getFrameJacobian(rig.model, data, frame, pin.LOCAL)[3:].reshape(3, -1)  # n = 1: (6,)
+            jacobians[i, k] = pin.getFrameJacobian(rig.model, data, frame, pin.LOCAL)[3:].reshape(
+                3, -1
+            )  # n = 1: (6,)
     return turned, jacobians
 
 
@@ -233,6 +257,9 @@ def correct_imus(rig: Rig, log: Log) -> tuple[list[tuple[str, Log]], dict[str, M
         found = estimate_mountings(rig, log)
     if any(one.is_significant for one in found.values()):
         each = ((link, imu, found.get(link)) for link, imu in log.imus.items())
-        imus = {link: one.corrected(imu) if one is not None and one.is_significant else imu for link, imu, one in each}
+        imus = {
+            link: one.corrected(imu) if one is not None and one.is_significant else imu
+            for link, imu, one in each
+        }
         steps.append(("imu-mounting", replace(log, imus=imus)))
     return steps, found

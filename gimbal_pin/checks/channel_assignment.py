@@ -88,7 +88,9 @@ def find_assignment(blocks: DesignBlocks, estimate: Estimate) -> AssignmentTrial
     for trials in (try_orders(blocks), try_smaller_rotors(blocks, estimate), try_torques(blocks)):
         best = min(trials, key=lambda one: one.missed, default=None)
         if best is not None and best.missed < LEAST_IMPROVEMENT * given:
-            then = f"bodies miss {100 * best.missed:.2g} % of the torque then, {100 * given:.2g} % now"
+            then = (
+                f"bodies miss {100 * best.missed:.2g} % of the torque then, {100 * given:.2g} % now"
+            )
             return best._replace(words=f"{best.words}: {then}")
     return None
 
@@ -99,7 +101,13 @@ def fit_beginning(
     """Fit the first `ASSIGNMENT_TIME` seconds of logs; None where they have too few rows."""
     parts = tuple(map(take_beginning, logs))
     blocks = compute_blocks(
-        Design(rig, reduce_parameters(rig, base=base), build_friction_effects(rig.joints), parts, filtering)
+        Design(
+            rig,
+            reduce_parameters(rig, base=base),
+            build_friction_effects(rig.joints),
+            parts,
+            filtering,
+        )
     )
     if not blocks or count_effective_rows(blocks).min() <= blocks[0].A.shape[2]:
         return None
@@ -122,7 +130,15 @@ def check_assignment_of_logs(blocks: DesignBlocks, estimate: Estimate) -> Fault 
     if not found.whole:
         raise LogError(name, found.words, found.mend)
     missed = Parameter("missed", found.missed, "1")
-    return Fault("logs-disagree", None, f"{name}: {found.words}", (missed,), 1.0 / LEAST_IMPROVEMENT, True, found.mend)
+    return Fault(
+        "logs-disagree",
+        None,
+        f"{name}: {found.words}",
+        (missed,),
+        1.0 / LEAST_IMPROVEMENT,
+        True,
+        found.mend,
+    )
 
 
 def take_beginning(log: Log) -> Log:
@@ -158,14 +174,21 @@ def try_smaller_rotors(blocks: DesignBlocks, estimate: Estimate) -> Iterator[Ass
     """Yield the torques with those stated rotors unstated that are larger than all inertia at their joints."""
     rows = blocks.design
     width = len(blocks.design.reduction.independent)
-    bodies = np.diagonal(compute_mass_matrices(rows, estimate.theta[:width]), axis1=1, axis2=2).min(axis=0)
+    bodies = np.diagonal(compute_mass_matrices(rows, estimate.theta[:width]), axis1=1, axis2=2).min(
+        axis=0
+    )
     large = (rows.rig.armature > 0) & (bodies <= 0)
     if large.any():
         without = [block._replace(b=block.b + block.known * large) for block in blocks]
-        at = [f"{rows.rig.joints[j]} ({rows.rig.armature[j]:.3g} kg m^2)" for j in np.flatnonzero(large)]
+        at = [
+            f"{rows.rig.joints[j]} ({rows.rig.armature[j]:.3g} kg m^2)"
+            for j in np.flatnonzero(large)
+        ]
         words = f"has less inertia than the stated rotor of {' and '.join(at)}"
         mend = "correct rotor_inertia or gear_ratio in the rig"
-        yield AssignmentTrial(compute_bounded_misfit(DesignBlocks(rows, tuple(without))), words, mend)
+        yield AssignmentTrial(
+            compute_bounded_misfit(DesignBlocks(rows, tuple(without))), words, mend
+        )
 
 
 def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
@@ -184,16 +207,23 @@ def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
         if np.any(right & (np.array(signs) < 0)):
             continue
         wrong = [f"tau_{joint}" for joint, sign in zip(joints, signs) if sign < 0]
-        turned = [block._replace(b=(block.b + block.known) * np.array(signs) - block.known) for block in blocks]
+        turned = [
+            block._replace(b=(block.b + block.known) * np.array(signs) - block.known)
+            for block in blocks
+        ]
         words = f"{' and '.join(wrong)} {'has' if len(wrong) == 1 else 'have'} the wrong sign (or the angle has)"
         mend = format_remapping(sources, {name: (name, -1.0) for name in wrong})
-        yield AssignmentTrial(compute_bounded_misfit(DesignBlocks(rows, tuple(turned))), words, f"turn it: {mend}")
+        yield AssignmentTrial(
+            compute_bounded_misfit(DesignBlocks(rows, tuple(turned))), words, f"turn it: {mend}"
+        )
     for pair in combinations(range(n) if rows.logs else (), 2):
         first, second = (f"tau_{joints[j]}" for j in pair)
         words = f"{first} and {second} hold each other's torque"
         mend = format_remapping(sources, {first: (second, 1.0), second: (first, 1.0)})
         yield AssignmentTrial(
-            compute_bounded_misfit(compute_blocks(reorder_channels(rows, exchange_places(n, *pair), ("tau",)))),
+            compute_bounded_misfit(
+                compute_blocks(reorder_channels(rows, exchange_places(n, *pair), ("tau",)))
+            ),
             words,
             f"exchange them: {mend}",
         )
@@ -207,7 +237,9 @@ def try_orders(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
         return
     given = compute_free_misfit(blocks)
     beginnings = replace(rows, logs=tuple(map(take_beginning, rows.logs)))
-    for order in (exchange_places(rows.rig.n, *pair) for pair in combinations(range(rows.rig.n), 2)):
+    for order in (
+        exchange_places(rows.rig.n, *pair) for pair in combinations(range(rows.rig.n), 2)
+    ):
         put = compute_blocks(reorder_channels(beginnings, order, JOINT_CHANNELS))
         if compute_free_misfit(put) < LEAST_IMPROVEMENT * given:
             places = [(joints[j], joints[k]) for j, k in enumerate(order) if j != k]
@@ -227,7 +259,11 @@ def correlate_with_given(blocks: DesignBlocks) -> Array:
 
 def list_sign_patterns(n: int) -> list[tuple[int, ...]]:
     """Signs of n columns: each one turned alone, then all of them."""
-    return list(dict.fromkeys([*(tuple(-1 if k == j else 1 for k in range(n)) for j in range(n)), (-1,) * n]))
+    return list(
+        dict.fromkeys(
+            [*(tuple(-1 if k == j else 1 for k in range(n)) for j in range(n)), (-1,) * n]
+        )
+    )
 
 
 def exchange_places(n: int, i: int, k: int) -> tuple[int, ...]:
@@ -239,7 +275,9 @@ def reorder_channels(rows: Design, order: Sequence[int], channels: Sequence[str]
     """Return the rows of logs in which joint j has these channels of ``order[j]``."""
     logs = []
     for log in rows.logs:
-        columns: dict[str, Any] = {name: x[:, list(order)] for name, x in log.channels.items() if name in channels}
+        columns: dict[str, Any] = {
+            name: x[:, list(order)] for name, x in log.channels.items() if name in channels
+        }
         logs.append(replace(log, **columns))
     return replace(rows, logs=tuple(logs))
 
@@ -267,7 +305,9 @@ def compute_bounded_misfit(blocks: DesignBlocks) -> float:
     """
     factors = factor_in_shares(blocks) / ERROR_RESOLUTION
     try:
-        phi, friction = fit_bounded_bodies(blocks.design, factors.reshape(-1, factors.shape[2]), LEANT_WEIGHTS)
+        phi, friction = fit_bounded_bodies(
+            blocks.design, factors.reshape(-1, factors.shape[2]), LEANT_WEIGHTS
+        )
     except np.linalg.LinAlgError:  # so far from all bodies that numbers end: they explain nothing
         return 1.0
     theta = np.concatenate([blocks.design.mixing @ phi, friction, [-1.0]])
@@ -276,6 +316,8 @@ def compute_bounded_misfit(blocks: DesignBlocks) -> float:
 
 def compute_torque_size(blocks: Sequence[Block]) -> Array:
     """Rms of each joint's torque where it is not masked out, N m, (n,); of one that nothing drives some of others'."""
-    b, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("b", "share"))
+    b, share = (
+        np.concatenate([getattr(block, name) for block in blocks]) for name in ("b", "share")
+    )
     rms = np.sqrt(np.sum(b**2, axis=0) / np.maximum(np.sum(share**2, axis=0), 1e-300))
     return np.asarray(np.maximum(rms, max(UNDRIVEN * float(rms.max()), 1e-300)))

@@ -69,7 +69,9 @@ class CheckedLog:
     @property
     def is_usable(self) -> bool:
         """Whether the mended log may show some physics, though not all of it: noisy inertias spoil no cogging map."""
-        return not any(fault.makes_physics_unreliable and fault.cause in FATAL for fault in self.faults)
+        return not any(
+            fault.makes_physics_unreliable and fault.cause in FATAL for fault in self.faults
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -78,7 +80,9 @@ class CheckedLog:
 
     def judged_only(self) -> CheckedLog:
         """Return it for a log that is never fitted: that its true samples lie far apart is no harm."""
-        faults = tuple(replace(f, makes_physics_unreliable=False) if f.sparse else f for f in self.faults)
+        faults = tuple(
+            replace(f, makes_physics_unreliable=False) if f.sparse else f for f in self.faults
+        )
         return replace(self, faults=faults)
 
 
@@ -87,7 +91,9 @@ def collect_alterations(checked: Sequence[CheckedLog]) -> dict[str, tuple[Altera
     return {one.log.name: one.alterations for one in checked if one.alterations}
 
 
-def check_log(rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs_only: bool = False) -> CheckedLog:
+def check_log(
+    rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs_only: bool = False
+) -> CheckedLog:
     """Refuse a log that nothing can be made of; mend what is wrong with another, and say what was altered and why.
 
     Nothing else alters data between the reading of a log and its samples, where short gaps are filled for the filters
@@ -128,7 +134,9 @@ def check_log(rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs
     return CheckedLog(before, tuple(alterations), faults, mountings)
 
 
-def _examine(rig: Rig, log: Log, repairs_only: bool) -> tuple[tuple[Fault, ...], list[tuple[str, Log]]]:
+def _examine(
+    rig: Rig, log: Log, repairs_only: bool
+) -> tuple[tuple[Fault, ...], list[tuple[str, Log]]]:
     """Return the faults that the checks find, and the log after each repair with the check that asks for it."""
     faults = list[Fault]()
     repairs = list[tuple[str, Log]]()

@@ -63,7 +63,9 @@ def check_clock(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         Parameter("jitter", seen.jitter, "periods"),
         Parameter("lost", float(lost.sum() / (len(log) + lost.sum())), "1"),
         Parameter("longest_gap", float(lost.max() * log.dt), "s"),
-        Parameter("stale", max(float(part.mean()) for part in np.array_split(old, CLOCK_PARTS)), "1"),
+        Parameter(
+            "stale", max(float(part.mean()) for part in np.array_split(old, CLOCK_PARTS)), "1"
+        ),
     )
     hole = max(HOLE, HOLE_SAMPLES * log.dt)
     beyond = [figure.value / limit for figure, limit in zip(figures, (JITTER, LOST, hole, STALE))]
@@ -85,10 +87,16 @@ def check_clock(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     )
     end = "resampling takes care of it"
     if harmful or sparse:
-        end = "this alone spoils the torque" if harmful else "what is left in one piece is too short for the filters"
+        end = (
+            "this alone spoils the torque"
+            if harmful
+            else "what is left in one piece is too short for the filters"
+        )
     sentence = f"clock: {'; '.join(text for text, size in zip(texts, beyond) if size > 1.0)}; {end}"
     mend = "stamp samples where they are taken (drive or bus time), and log at the bus's rate"
-    fault = Fault("clock", None, sentence, figures, max(beyond), harmful or sparse, mend, sparse=sparse)
+    fault = Fault(
+        "clock", None, sentence, figures, max(beyond), harmful or sparse, mend, sparse=sparse
+    )
     return Examined(fault, tuple(repairs))
 
 

@@ -35,7 +35,9 @@ def check_commanded_torque(rig: Rig, log: Log, filtering: Filtering) -> Examined
     if log.tau is None or log.q_ref is None or len(log) < MIN_SAMPLES:
         return None
     size = np.sqrt(np.mean(log.tau**2, axis=0))
-    left = np.array([compute_law_error(log, j, log.tau[:, j], log.q_ref[:, j]) for j in range(rig.n)])
+    left = np.array(
+        [compute_law_error(log, j, log.tau[:, j], log.q_ref[:, j]) for j in range(rig.n)]
+    )
     commanded = left < LEAST_SENSOR_NOISE * size
     if not commanded.any():
         return None
@@ -43,7 +45,10 @@ def check_commanded_torque(rig: Rig, log: Log, filtering: Filtering) -> Examined
     worst = int(np.argmax(over)) if over.any() else int(np.argmax(commanded))
     beyond = float(over[worst])
     joint = rig.joints[worst]
-    figures = (Parameter("unexplained", float(left[worst]), "N m"), Parameter("beyond_limit", beyond, "1"))
+    figures = (
+        Parameter("unexplained", float(left[worst]), "N m"),
+        Parameter("beyond_limit", beyond, "1"),
+    )
     end = f"{digits(100 * beyond, 2)} % of the samples are beyond the motor's limit and were never delivered"
     sentence = (
         f"{joint}{f' (and {commanded.sum() - 1} more)' if commanded.sum() > 1 else ''}: the torque is a command, the "
@@ -52,7 +57,9 @@ def check_commanded_torque(rig: Rig, log: Log, filtering: Filtering) -> Examined
     mend = "log the motor's current as well, times its torque constant"
     strength = LEAST_SENSOR_NOISE / max(float(left[worst] / size[worst]), 1e-12)
     fault = Fault("commanded-torque", joint, sentence, figures, strength, bool(beyond), mend)
-    return Examined(fault, (replace(log, tau=np.clip(log.tau, -rig.tau_max, rig.tau_max)),) if beyond else ())
+    return Examined(
+        fault, (replace(log, tau=np.clip(log.tau, -rig.tau_max, rig.tau_max)),) if beyond else ()
+    )
 
 
 def compute_law_error(log: Log, j: int, tau: Array, reference: Array) -> float:

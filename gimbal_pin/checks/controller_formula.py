@@ -8,7 +8,12 @@ import numpy as np
 from scipy.linalg import orth
 
 from gimbal_pin.checks.record import Examined, Fault
-from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea, name_columns
+from gimbal_pin.dynamics.regressor import (
+    compute_gravity,
+    compute_regressor,
+    compute_rnea,
+    name_columns,
+)
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log import signals
@@ -63,7 +68,11 @@ def check_controller_formula(rig: Rig, log: Log, filtering: Filtering) -> Examin
     A base that moves excites the plant whatever the reference does: such a log is not judged. Where this formula is not
     found, that of the angles alone is looked for (`check_formula_of_angles`).
     """
-    if log.tau is None or log.t[-1] - log.t[0] < SHORTEST_FORMULA or classify_base_motion(rig, log) != "fixed":
+    if (
+        log.tau is None
+        or log.t[-1] - log.t[0] < SHORTEST_FORMULA
+        or classify_base_motion(rig, log) != "fixed"
+    ):
         return None
     sections = signals.lowpass(BAND, 1.0)
     edge = int(signals.compute_lowpass_settling(BAND)) + LATEST
@@ -81,7 +90,10 @@ def check_controller_formula(rig: Rig, log: Log, filtering: Filtering) -> Examin
     a = signals.differentiate(v, log.dt)
     A = compute_regressor(rig, q[kept], v[kept], a[kept], places=name_columns(rig)[1])
     rigid = {j: np.hstack([A[:, j, A[:, j].any(axis=0)], maps[j]]) for j in like}
-    plant = {j: fit_passive_plant(log.t[kept], q[kept, j], v[kept, j], rigid[j], tau[kept, j]) for j in like}
+    plant = {
+        j: fit_passive_plant(log.t[kept], q[kept, j], v[kept, j], rigid[j], tau[kept, j])
+        for j in like
+    }
     worst = max(like, key=lambda j: plant[j] / max(found[j].left, 1e-300))
     if plant[worst] < WORSE * found[worst].left:
         return check_formula_of_angles(rig, log, filtering)
@@ -117,7 +129,9 @@ def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examine
     band = min(filtering.cutoff * log.dt, BAND)
     sections = signals.lowpass(band, 1.0)
     edge = int(signals.compute_lowpass_settling(band)) + LATEST
-    kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST_FORMULA_SAMPLES, int(0.25 / band)))
+    kept = np.arange(
+        edge, len(log) - edge, max(1, len(log) // MOST_FORMULA_SAMPLES, int(0.25 / band))
+    )
     if len(kept) < FEWEST_FORMULA_SAMPLES:
         return None
     q, tau = (signals.zero_phase(x, sections) for x in (log.q, log.tau))
@@ -133,7 +147,9 @@ def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examine
         G = compute_regressor(rig, late, still, still, places=name_columns(rig)[1])
         for j in range(rig.n):
             own = G[:, j, G[:, j].any(axis=0)]
-            free = span_columns(np.column_stack([np.ones(len(kept)), log.t[kept] - log.t[0], late[:, j], own]))
+            free = span_columns(
+                np.column_stack([np.ones(len(kept)), log.t[kept] - log.t[0], late[:, j], own])
+            )
             rest = np.stack([tau[kept, j], asked[:, j]], axis=1)
             left[delay, j], inert[delay, j] = np.mean((rest - free @ (free.T @ rest)) ** 2, axis=0)
     best = np.argmin(left, axis=0)
@@ -159,7 +175,15 @@ def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examine
     )
     mend = "let the motor move the joint (gimbal-pin excite), with no hand on it, and record again"
     return Examined(
-        Fault("controller-formula", rig.joints[worst], sentence, figures, float(ratio[worst]) / INERT, True, mend)
+        Fault(
+            "controller-formula",
+            rig.joints[worst],
+            sentence,
+            figures,
+            float(ratio[worst]) / INERT,
+            True,
+            mend,
+        )
     )
 
 
@@ -175,7 +199,9 @@ def fit_formula(t: Array, q: Array, v: Array, tau: Array, kept: Indices, beside:
     """Return the formula of one joint that fits the samples `kept` best, with columns `beside`; `left` in N² m²."""
     fits = []
     for delay in range(LATEST + 1):
-        A = np.column_stack([np.ones(len(kept)), t[kept] - t[0], q[kept - delay], v[kept - delay], beside])
+        A = np.column_stack(
+            [np.ones(len(kept)), t[kept] - t[0], q[kept - delay], v[kept - delay], beside]
+        )
         x = np.linalg.lstsq(A, tau[kept], rcond=None)[0]
         fits.append(Formula(-float(x[3]), delay, float(np.mean((tau[kept] - A @ x) ** 2))))
     return min(fits, key=lambda fit: fit.left)

@@ -69,7 +69,10 @@ def check_filtered_velocity(rig: Rig, log: Log, filtering: Filtering) -> Examine
     joint = rig.joints[worst]
     (cause, change) = found[worst]
     if isinstance(cause, LowPass):
-        figures = [Parameter("corner", cause.corner, "Hz"), Parameter("order", float(cause.order), "1")]
+        figures = [
+            Parameter("corner", cause.corner, "Hz"),
+            Parameter("order", float(cause.order), "1"),
+        ]
         what = f"is the angle behind a low-pass of {digits(cause.corner, 2)} Hz"
         mend = "leave the rate out: the angle's own derivative is better; or switch the drive's velocity filter off"
     else:
@@ -78,9 +81,14 @@ def check_filtered_velocity(rig: Rig, log: Log, filtering: Filtering) -> Examine
         mend = "leave the rate out, or log rates with the time that they are of: drives average over the time before"
     others = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     harm = "it spoils the torque" if unreliable else "it does little harm here"
-    sentence = f"{joint}{others}: the rate {what}, which changes it by {digits(100 * change, 2)} %; {harm}"
+    sentence = (
+        f"{joint}{others}: the rate {what}, which changes it by {digits(100 * change, 2)} %; {harm}"
+    )
     every = (*figures, Parameter("rate_changed", change, "1"))
-    return Examined(Fault("filtered-velocity", joint, sentence, every, change / VISIBLE, unreliable, mend), (mended,))
+    return Examined(
+        Fault("filtered-velocity", joint, sentence, every, change / VISIBLE, unreliable, mend),
+        (mended,),
+    )
 
 
 def advance_rates(log: Log, delays: Mapping[int, float]) -> Log:
@@ -97,7 +105,11 @@ def find_lag(log: Log, j: int, filtering: Filtering) -> Lag | None:
     """Return the lag in one joint's rate, or None where there is none, or none that one could see."""
     assert log.v is not None
     longest = max(split_segments(log, 1.0), key=lambda stretch: stretch.length, default=None)
-    if longest is None or longest.length * longest.dt < SHORTEST_STRETCH or np.ptp(log.q[:, j]) == 0.0:
+    if (
+        longest is None
+        or longest.length * longest.dt < SHORTEST_STRETCH
+        or np.ptp(log.q[:, j]) == 0.0
+    ):
         return None
     dt = longest.dt
     rows = longest.rows
@@ -111,7 +123,9 @@ def find_lag(log: Log, j: int, filtering: Filtering) -> Lag | None:
     edge = min(round(signals.compute_lowpass_settling(filtering.cutoff) / dt), len(qv) // 4)
     derived = signals.differentiate(slow[:, :1], dt)[edge:-edge, 0]
     rate = slow[edge:-edge, 1]
-    change = float(np.sqrt(np.mean((rate - derived) ** 2) / np.maximum(np.mean(derived**2), 1e-300)))
+    change = float(
+        np.sqrt(np.mean((rate - derived) ** 2) / np.maximum(np.mean(derived**2), 1e-300))
+    )
     if change < VISIBLE:
         return None
     noise = float(signals.noise_std(qv)[0]) * signals.compute_noise_gain(sections, 1.0 / dt, 1)
@@ -141,23 +155,37 @@ def find_low_pass_or_delay(
     if d[settled] @ d[settled] == 0.0:  # a joint at rest shows no lag
         return None
     shifts = 1.0 / (2.0 * np.pi * CORNERS)
-    tried = [fit_shape(signals.resample(times, d[:, None], times - shift)[:, 0], r, dt, settled) for shift in shifts]
+    tried = [
+        fit_shape(signals.resample(times, d[:, None], times - shift)[:, 0], r, dt, settled)
+        for shift in shifts
+    ]
     best = min(range(len(tried)), key=lambda k: tried[k].left)
     delayed = tried[best]
     delay = float(shifts[best]) + tried[best].delay
     # |lagged - delayed| is at most the sum of what the two leave: where that cannot be visible, no lag need be tried.
     if delayed.left * (1.0 + np.sqrt(LOWPASS_IMPROVEMENT)) ** 2 > OVER_NOISE * noise**2:
         shapes = [LowPass(float(f), order) for order in (1, 2) for f in CORNERS]
-        lags = {shape: fit_shape(apply_low_pass(d, shape.corner, shape.order, dt), r, dt, settled) for shape in shapes}
+        lags = {
+            shape: fit_shape(apply_low_pass(d, shape.corner, shape.order, dt), r, dt, settled)
+            for shape in shapes
+        }
         low_pass = min(lags, key=lambda shape: lags[shape].left)
         lag = lags[low_pass]
         visible = float(np.mean((lag.fit - delayed.fit) ** 2)) > OVER_NOISE * noise**2
-        if visible and lag.left < LOWPASS_IMPROVEMENT * delayed.left and low_pass.corner < FLAT / sample:
+        if (
+            visible
+            and lag.left < LOWPASS_IMPROVEMENT * delayed.left
+            and low_pass.corner < FLAT / sample
+        ):
             return low_pass
     gain = float(d[settled] @ r[settled] / (d[settled] @ d[settled]))
     moved = float(np.mean((delayed.fit - gain * d[settled]) ** 2))
     undelayed = float(np.mean((r[settled] - gain * d[settled]) ** 2))
-    is_late = delay > sample and moved > OVER_NOISE * noise**2 and delayed.left < LOWPASS_IMPROVEMENT * undelayed
+    is_late = (
+        delay > sample
+        and moved > OVER_NOISE * noise**2
+        and delayed.left < LOWPASS_IMPROVEMENT * undelayed
+    )
     return delay if is_late else None
 
 
@@ -182,4 +210,6 @@ def fit_shape(shaped: Array, rate: Array, dt: float, settled: slice) -> Remainde
     columns = np.stack([shaped, signals.differentiate(shaped[:, None], dt)[:, 0]], axis=1)[settled]
     gain, slope = np.linalg.lstsq(columns, rate[settled], rcond=None)[0].tolist()
     fit = columns @ np.array([gain, slope])
-    return Remainder(float(np.mean((rate[settled] - fit) ** 2)), fit, -slope / gain if gain else 0.0)
+    return Remainder(
+        float(np.mean((rate[settled] - fit) ** 2)), fit, -slope / gain if gain else 0.0
+    )

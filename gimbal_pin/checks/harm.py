@@ -12,7 +12,14 @@ from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BaseMotion
-from gimbal_pin.regression import Block, Design, Filtering, classify_base_motion, compute_residuals, fit_weighted
+from gimbal_pin.regression import (
+    Block,
+    Design,
+    Filtering,
+    classify_base_motion,
+    compute_residuals,
+    fit_weighted,
+)
 from gimbal_pin.rig.rig import Rig
 
 MATERIAL = 0.01
@@ -22,7 +29,9 @@ SIGN_BAND = 2.5
 would leave no sample."""
 
 
-def build_design(rig: Rig, log: Log, filtering: Filtering, base: BaseMotion | None = None) -> Design:
+def build_design(
+    rig: Rig, log: Log, filtering: Filtering, base: BaseMotion | None = None
+) -> Design:
     """Return a log's design for base parameters and friction, the direction of friction from the slow motion.
 
     The compact low-pass leaves rows of logs of seconds.
@@ -56,7 +65,10 @@ def spoils_torque(rig: Rig, log: Log, mended: Log, filtering: Filtering) -> bool
         before = log.tau
         after = mended.tau
         assert before is not None and after is not None
-        moved, size = (np.sqrt(np.mean(signals.zero_phase(x, sections) ** 2, axis=0)) for x in (before - after, after))
+        moved, size = (
+            np.sqrt(np.mean(signals.zero_phase(x, sections) ** 2, axis=0))
+            for x in (before - after, after)
+        )
         if np.all(moved <= MATERIAL * size):
             return False
     good, bad = (list(build_design(rig, one, filtering)) for one in (mended, log))
@@ -68,17 +80,25 @@ def spoils_torque(rig: Rig, log: Log, mended: Log, filtering: Filtering) -> bool
     left = np.concatenate([compute_residuals(block, theta) for block in good])
     torque = np.concatenate([block.b for block in good])
     floor, size = (np.sqrt(np.mean(x**2, axis=0)) for x in (left, torque))
-    error = np.sqrt(np.mean(compute_difference(good, left, bad, theta, filtering.cutoff) ** 2, axis=0))
+    error = np.sqrt(
+        np.mean(compute_difference(good, left, bad, theta, filtering.cutoff) ** 2, axis=0)
+    )
     return bool(np.any(error > np.maximum(np.maximum(floor, MATERIAL * size), 1e-300)))
 
 
-def compute_difference(good: Sequence[Block], left: Array, bad: Sequence[Block], theta: Array, cutoff: float) -> Array:
+def compute_difference(
+    good: Sequence[Block], left: Array, bad: Sequence[Block], theta: Array, cutoff: float
+) -> Array:
     """Return the bad rows' residual less the good ones', at those times of the good rows near which there are both."""
     if not bad:
         return np.zeros((1, left.shape[1]))
     at, t = (np.concatenate([block.t for block in blocks]) for blocks in (good, bad))
     other = np.concatenate([compute_residuals(block, theta) for block in bad])
-    after = np.clip(np.searchsorted(t, at), 1, max(len(t) - 1, 1)) if len(t) > 1 else np.zeros(len(at), int)
+    after = (
+        np.clip(np.searchsorted(t, at), 1, max(len(t) - 1, 1))
+        if len(t) > 1
+        else np.zeros(len(at), int)
+    )
     near = np.minimum(np.abs(at - t[after]), np.abs(at - t[after - 1])) < 0.5 / cutoff
     interpolated = np.stack([np.interp(at, t, column) for column in other.T], axis=1)
     return np.asarray((interpolated - left)[near]) if near.any() else np.zeros((1, left.shape[1]))

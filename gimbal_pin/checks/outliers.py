@@ -10,7 +10,14 @@ import numpy as np
 
 from gimbal_pin.checks.harm import spoils_torque
 from gimbal_pin.checks.record import Examined, Fault
-from gimbal_pin.checks.series import WORDS, compute_medians, compute_trimmed_rms, find_runs, get_channels, leave_out
+from gimbal_pin.checks.series import (
+    WORDS,
+    compute_medians,
+    compute_trimmed_rms,
+    find_runs,
+    get_channels,
+    leave_out,
+)
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array, Log
@@ -60,11 +67,15 @@ def check_outliers(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     left = dict(zip(names, np.split(leave_out(log.t, np.hstack(values)), len(names), axis=1)))
     found = find_spikes(log, left)
     smooth = interpolate_spikes(log, found)
-    left |= {name: leave_out(log.t, getattr(smooth, name)) for name in {wild.channel for wild in found}}
+    left |= {
+        name: leave_out(log.t, getattr(smooth, name)) for name in {wild.channel for wild in found}
+    }
     bad = find_garbage(smooth, left)
     if not found and not bad:
         return None
-    mended = smooth.part(np.flatnonzero(~np.any([wild.rows for wild in bad], axis=0))) if bad else smooth
+    mended = (
+        smooth.part(np.flatnonzero(~np.any([wild.rows for wild in bad], axis=0))) if bad else smooth
+    )
     harmful = spoils_torque(rig, log, mended, filtering)
     if not bad and not harmful and max(wild.size for wild in found) < GROSS:
         return None
@@ -142,15 +153,23 @@ def find_garbage(log: Log, left: Mapping[str, Array]) -> list[Wild]:
     out = []
 
     def compute_roughness(name: str, j: int) -> Array:
-        return compute_medians(np.pad(np.abs(left[name][:, [j]]), ((2, 2), (0, 0))), length)[:, 0] / 0.6745
+        return (
+            compute_medians(np.pad(np.abs(left[name][:, [j]]), ((2, 2), (0, 0))), length)[:, 0]
+            / 0.6745
+        )
 
     for name in ("q", "v") if log.v is not None else ("q",):
         values = getattr(log, name)
         for j, spread in enumerate(np.maximum(np.std(values, axis=0), 1e-300).tolist()):
-            if np.sum(np.abs(left[name][:, j]) > 0.6745 * GARBAGE_SPREAD * spread) < length // 2 - 2:
+            if (
+                np.sum(np.abs(left[name][:, j]) > 0.6745 * GARBAGE_SPREAD * spread)
+                < length // 2 - 2
+            ):
                 continue  # no window's median can be so large
             window = compute_roughness(name, j)
-            wild = (window > GARBAGE_ROUGHNESS * np.median(window)) & (window > GARBAGE_SPREAD * spread)
+            wild = (window > GARBAGE_ROUGHNESS * np.median(window)) & (
+                window > GARBAGE_SPREAD * spread
+            )
             if name == "v":
                 wild &= window > OWN * compute_roughness("q", j) / log.dt
             rows = np.repeat(wild, length)[: len(log)]

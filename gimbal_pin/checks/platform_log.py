@@ -59,14 +59,20 @@ def check_platform_log(t: Array, imu: Imu, name: str) -> UsablePlatform:
     """
     if len(t) < 2:
         raise LogError(
-            name, "has one row, which shows no motion", f"record at least {_FEWEST_SECONDS:g} s of the platform"
+            name,
+            "has one row, which shows no motion",
+            f"record at least {_FEWEST_SECONDS:g} s of the platform",
         )
     if imu.gyro is None or imu.accel is None:  # `Platform.measured` refuses that
         return UsablePlatform(t, imu, ())
     mean = float(np.mean(np.linalg.norm(imu.accel, axis=1)))
     if not _WEIGHT[0] < mean < _WEIGHT[1]:
         what = f"its accelerometer reads {digits(mean)} m/s² in the mean, and whoever is carried feels 9.81"
-        raise LogError(name, what, "give specific force: --map accel_LINK_x=ax*9.81 where it is in g, gravity included")
+        raise LogError(
+            name,
+            what,
+            "give specific force: --map accel_LINK_x=ax*9.81 where it is in g, gravity included",
+        )
     stuck, notes = _find_frozen(t, imu.gyro, imu.accel, name)
     rows = np.flatnonzero(~stuck)
     first, end, more = _find_longest_stretch(t, rows, name)
@@ -75,10 +81,16 @@ def check_platform_log(t: Array, imu: Imu, name: str) -> UsablePlatform:
     rms = float(np.sqrt(np.mean(np.sum(imu.gyro**2, axis=1))))
     notes += more
     if rate < 2 * PLATFORM_CUTOFF:
-        notes.append(f"sampled at {digits(rate)} Hz: motion above {digits(rate / 2)} Hz is not in it")
+        notes.append(
+            f"sampled at {digits(rate)} Hz: motion above {digits(rate / 2)} Hz is not in it"
+        )
     if rms > _FAST:
-        notes.append(f"turns at {digits(rms)} rad/s rms: if that is in degrees, map it with *pi/180")
-    return UsablePlatform(kept, imu.part(rows[first:end]), tuple(f"{name}: {note}" for note in notes))
+        notes.append(
+            f"turns at {digits(rms)} rad/s rms: if that is in degrees, map it with *pi/180"
+        )
+    return UsablePlatform(
+        kept, imu.part(rows[first:end]), tuple(f"{name}: {note}" for note in notes)
+    )
 
 
 def _find_frozen(t: Array, gyro: Array, accel: Array, name: str) -> tuple[Flags, list[str]]:
@@ -89,7 +101,11 @@ def _find_frozen(t: Array, gyro: Array, accel: Array, name: str) -> tuple[Flags,
     stuck = np.zeros(len(t), dtype=bool)
     notes = list[str]()
     dt = float(np.median(np.diff(t)))
-    resting = [word for word, x in (("gyro", gyro), ("accelerometer", accel)) if not np.ptp(x, axis=0).any()]
+    resting = [
+        word
+        for word, x in (("gyro", gyro), ("accelerometer", accel))
+        if not np.ptp(x, axis=0).any()
+    ]
     if len(resting) == 2 and not float(np.linalg.norm(gyro[0])) > _BIASED:
         return stuck, ["nothing in it ever changes: the platform stands"]
     if resting:
@@ -122,7 +138,9 @@ def _find_long_runs(flags: Flags, samples: float) -> Flags:
     return out
 
 
-def _find_longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[int, int, list[str]]:
+def _find_longest_stretch(
+    t: Array, rows: NDArray[np.intp], name: str
+) -> tuple[int, int, list[str]]:
     """Return begin and end, among the good samples, of the longest stretch without a long gap, and notes.
 
     Raises:
@@ -131,7 +149,9 @@ def _find_longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[
     steps = np.diff(t[rows])
     gaps = np.flatnonzero(steps > GAP_SAMPLES * np.median(np.diff(t)))
     edges = [0, *(gaps[steps[gaps] > _BRIDGED] + 1).tolist(), len(rows)]
-    first, end = max(itertools.pairwise(edges), key=lambda pair: t[rows[pair[1] - 1]] - t[rows[pair[0]]])
+    first, end = max(
+        itertools.pairwise(edges), key=lambda pair: t[rows[pair[1] - 1]] - t[rows[pair[0]]]
+    )
     begins = float(t[rows[first]])
     ends = float(t[rows[end - 1]])
     if ends - begins < _FEWEST_SECONDS and len(edges) > 2:
@@ -141,7 +161,8 @@ def _find_longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[
     notes = []
     if len(edges) > 2:
         lost = (
-            f"{len(edges) - 2} gap{'s' * (len(edges) > 3)} of more than {_BRIDGED:g} s, up to {digits(steps.max())} s"
+            f"{len(edges) - 2} gap{'s' * (len(edges) > 3)} of more than {_BRIDGED:g} s, up to "
+            f"{digits(steps.max())} s"
         )
         between = f"{digits(begins, 4)} to {digits(ends, 4)} s"
         notes.append(f"{lost}: the longest stretch without one is used, {between}")

@@ -100,7 +100,9 @@ def compare_logs(rig: Rig, cause: str, before: Log, after: Log) -> tuple[Alterat
             out.append(_span(cause, kind, channel, after.t))
         elif (change := np.abs(new[channel] - old[channel]).max(axis=1)).any():
             prefix, _, joint = channel.partition("_")
-            unit = rig.in_units(joint, PLAUSIBLE_RANGES[{"dq": "v", "temp": "temperature"}.get(prefix, prefix)].unit)
+            unit = rig.in_units(
+                joint, PLAUSIBLE_RANGES[{"dq": "v", "temp": "temperature"}.get(prefix, prefix)].unit
+            )
             one = _span(cause, "changed", channel, before.t[kept][change > 0])
             out.append(replace(one, size=float(change.max()), unit=unit))
     return tuple(out)
@@ -186,6 +188,11 @@ Check = Callable[[Rig, Log, Filtering], "Examined | None"]
 def describe_parameters(parameters: tuple[Parameter, ...]) -> dict[str, dict[str, Any]]:
     """Return name → value, std, unit and whether it is known; a deviation that was not estimated is null."""
     return {
-        p.name: {"value": p.value, "std": finite_or_none(p.std), "unit": p.unit, "is_known": p.is_known}
+        p.name: {
+            "value": p.value,
+            "std": finite_or_none(p.std),
+            "unit": p.unit,
+            "is_known": p.is_known,
+        }
         for p in parameters
     }

@@ -31,11 +31,15 @@ def refuse_unusable(rig: Rig, log: Log, filtering: Filtering) -> None:
         UsageError: The cutoff leaves nothing to remove.
     """
     if len(log) < 2:
-        raise DataError(log.name, "has one sample, which shows no motion", "record at least 10 s of motion")
+        raise DataError(
+            log.name, "has one sample, which shows no motion", "record at least 10 s of motion"
+        )
     check_sampling(log.name, log.dt, filtering.cutoff)
     if log.tau is not None:
         torque = np.abs(log.tau).max(axis=0)
-        check_driven(log.name, log.joints, torque, np.full(len(torque), torque.max() < NEGLIGIBLE_TORQUE))
+        check_driven(
+            log.name, log.joints, torque, np.full(len(torque), torque.max() < NEGLIGIBLE_TORQUE)
+        )
         check_unit(rig, log)
 
 
@@ -63,12 +67,18 @@ def check_unit(rig: Rig, log: Log) -> None:
     ratio = np.sqrt(np.mean(log.tau**2, axis=0)) / rig.tau_max
     if not np.any(ratio > WRONG_UNIT):
         return
-    wrong = np.flatnonzero(ratio > 1.0).tolist()  # beside such a one, what no motor holds has that unit, too
+    wrong = np.flatnonzero(
+        ratio > 1.0
+    ).tolist()  # beside such a one, what no motor holds has that unit, too
     names = [f"tau_{rig.joints[j]}" for j in wrong]
     # A column that is mapped with a factor has its torque constant in it.
     has_constant = [name in log.sources and abs(log.sources[name].factor) != 1.0 for name in names]
-    constants = [1.0 if done else rig.motors[j].torque_constant for j, done in zip(wrong, has_constant)]
-    maps = log.remapped({name: (name, 1e-3 * (constant or 1.0)) for name, constant in zip(names, constants)})
+    constants = [
+        1.0 if done else rig.motors[j].torque_constant for j, done in zip(wrong, has_constant)
+    ]
+    maps = log.remapped(
+        {name: (name, 1e-3 * (constant or 1.0)) for name, constant in zip(names, constants)}
+    )
     most = float(ratio.max())
     limit = float(rig.tau_max[ratio.argmax()])
     what = f"is {most:.2g} times the motor's {limit:.3g} N m, rms: another unit, mA or mN m say"
@@ -87,7 +97,9 @@ def check_sampling(name: str, dt: float, cutoff: float) -> None:
     """Raise what `check_log` raises, for a sampling interval, s, and a cutoff, Hz."""
     if dt > LONGEST_INTERVAL:
         mend = "if t is in ms, map it: --map t=COLUMN*1e-3; else record twenty samples a second or more"
-        raise LogError(name, f"has {dt:.3g} s between two samples, too long to see a rig move", mend)
+        raise LogError(
+            name, f"has {dt:.3g} s between two samples, too long to see a rig move", mend
+        )
     if dt < SHORTEST_INTERVAL:
         mend = "if t has another unit, map it: --map t=COLUMN*FACTOR; else keep every tenth sample or fewer"
         raise LogError(name, f"has {dt:.3g} s between two samples, too short for a drive", mend)

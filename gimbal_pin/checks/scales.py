@@ -78,7 +78,11 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault
     def compare(row: Array) -> Ratio:
         """Return the ratio of a linear function of the base parameters and the friction, (k,)."""
         whole = np.append(row, np.zeros(len(stated) - len(row)))
-        return Ratio(*(np.array([whole @ fitted, sqrt(whole @ covariance @ whole)]) / (whole @ stated)).tolist())
+        return Ratio(
+            *(
+                np.array([whole @ fitted, sqrt(whole @ covariance @ whole)]) / (whole @ stated)
+            ).tolist()
+        )
 
     places = find_base_columns(rig, design.reduction)
     q = spread_reference_states(rig).q
@@ -91,9 +95,15 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault
             own["gravity's torque"] = compare(pull[:, j] @ columns[:, j])
         if rig.friction[j, 0] > 0:
             own["dry friction"] = compare(np.eye(len(stated))[len(places) + 2 * j])
-        parts.append({name: ratio for name, ratio in own.items() if ratio.is_certain or name == "inertia"})
+        parts.append(
+            {name: ratio for name, ratio in own.items() if ratio.is_certain or name == "inertia"}
+        )
     inertias = [own["inertia"] for own in parts]
-    off = [j for j, ratio in enumerate(inertias) if ratio.value > 0 and ratio.is_certain and not ratio.is_near(1.0)]
+    off = [
+        j
+        for j, ratio in enumerate(inertias)
+        if ratio.value > 0 and ratio.is_certain and not ratio.is_near(1.0)
+    ]
     why = (
         "turn the origin of the URDF's first joint by pi about a horizontal axis if the rig hangs upside down; else the"
         " centre of mass lies on the other side of the joint's axis"
@@ -116,7 +126,10 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault
         alike = [(joint,) if _is_of_torque(own) else () for joint, own, _ in each]
         return (
             *said,
-            *(ScaleFault(f"{_list_ratios(joint, own)}{unit}", at) for (joint, own, unit), at in zip(each, alike)),
+            *(
+                ScaleFault(f"{_list_ratios(joint, own)}{unit}", at)
+                for (joint, own, unit), at in zip(each, alike)
+            ),
         )
     is_time = all(own.get("gravity's torque", Ratio(1.0, 0.0)).is_near(1.0) for own in parts)
     is_torque = all(own.get("gravity's torque", own["inertia"]).is_near(common) for own in parts)
@@ -156,12 +169,21 @@ def _name_unit(design: Design, j: int, parts: Mapping[str, Ratio]) -> str:
     factor = parts["inertia"].value
     others = [ratio for part, ratio in parts.items() if part != "inertia"]
     is_torque = all(ratio.is_near(factor) for ratio in others)
-    is_angle = not is_torque and "gravity's torque" not in parts and parts["dry friction"].is_near(1.0)
-    known = {"gear_ratio": abs(motor.gear_ratio), "torque_constant": (is_torque and motor.torque_constant) or 1.0}
+    is_angle = (
+        not is_torque and "gravity's torque" not in parts and parts["dry friction"].is_near(1.0)
+    )
+    known = {
+        "gear_ratio": abs(motor.gear_ratio),
+        "torque_constant": (is_torque and motor.torque_constant) or 1.0,
+    }
     known |= {f"1/{name}": 1 / k for name, k in known.items()}
-    near = [name for name, k in known.items() if abs(log(k)) > TRUST and abs(log(factor / k)) < TRUST]
+    near = [
+        name for name, k in known.items() if abs(log(k)) > TRUST and abs(log(factor / k)) < TRUST
+    ]
     k = known[near[0]] if near else float(f"{factor:.2g}")
     column, change = (f"tau_{joint}", 1 / k) if is_torque else (f"q_{joint}", k)
     mapped = f": {design.logs[0].remapped({column: (column, change)})}" if design.logs else ""
-    unit = f", as if {column} had another unit{mapped}" if others and (is_torque or is_angle) else ""
+    unit = (
+        f", as if {column} had another unit{mapped}" if others and (is_torque or is_angle) else ""
+    )
     return f" ({near[0]} is {digits(k, 3)}){unit}" if near else unit

@@ -10,11 +10,25 @@ import numpy as np
 
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.checks.record import Examined, Fault
-from gimbal_pin.checks.series import JOINT_CHANNELS, WORDS, compute_trimmed_rms, find_runs, find_step, get_channels
+from gimbal_pin.checks.series import (
+    JOINT_CHANNELS,
+    WORDS,
+    compute_trimmed_rms,
+    find_runs,
+    find_step,
+    get_channels,
+)
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import GAP_SAMPLES, Array, Log
-from gimbal_pin.regression import Filtering, Flags, classify_base_motion, compute_residuals, dilate_flags, fit_weighted
+from gimbal_pin.regression import (
+    Filtering,
+    Flags,
+    classify_base_motion,
+    compute_residuals,
+    dilate_flags,
+    fit_weighted,
+)
 from gimbal_pin.rig.rig import Rig
 
 RUN_SAMPLES, RUN_SECONDS = 8, 0.02
@@ -59,7 +73,9 @@ def check_stuck_channel(rig: Rig, log: Log, filtering: Filtering) -> Examined | 
     share = float(np.mean(worst.rows))
     longest = max(end - begin for begin, end in find_runs(worst.rows)) * log.dt
     figures = (
-        Parameter("channel", float(JOINT_CHANNELS.index(worst.channel)), "0 angle, 1 rate, 2 torque"),
+        Parameter(
+            "channel", float(JOINT_CHANNELS.index(worst.channel)), "0 angle, 1 rate, 2 torque"
+        ),
         Parameter("longest", longest, "s"),
         Parameter("share", share, "1"),
     )
@@ -77,14 +93,22 @@ def check_stuck_channel(rig: Rig, log: Log, filtering: Filtering) -> Examined | 
 def find_constant_channels(rig: Rig, log: Log, filtering: Filtering) -> Iterator[HeldRows]:
     """Yield every channel that is constant somewhere, with what the others say to it."""
     for j in range(rig.n):
-        constants = {name: find_constant_rows(x[:, j], log.dt) for name, x in get_channels(log).items()}
+        constants = {
+            name: find_constant_rows(x[:, j], log.dt) for name, x in get_channels(log).items()
+        }
         for name in ("q", "v"):
             if log.v is not None and constants[name].any():
-                yield HeldRows(name, j, *find_contradicted_runs(log, j, get_channels(log)[name][:, j], constants[name]))
+                yield HeldRows(
+                    name,
+                    j,
+                    *find_contradicted_runs(log, j, get_channels(log)[name][:, j], constants[name]),
+                )
         if log.v is None and constants["q"].any():
             yield HeldRows("q", j, *find_released_runs(log.q[:, j], constants["q"]))
         if "tau" in constants and constants["tau"].any():
-            yield HeldRows("tau", j, constants["tau"], compute_denial(rig, log, j, constants["tau"], filtering))
+            yield HeldRows(
+                "tau", j, constants["tau"], compute_denial(rig, log, j, constants["tau"], filtering)
+            )
 
 
 def find_constant_rows(column: Array, dt: float) -> Flags:
@@ -120,7 +144,9 @@ def find_contradicted_runs(log: Log, j: int, column: Array, rows: Flags) -> tupl
     steps = np.diff(log.t)
     # A hole in the log tells nothing of what the rate was in it.
     whole = steps < GAP_SAMPLES * log.dt
-    apart = np.append(0.0, np.cumsum(np.where(whole, np.diff(q) - 0.5 * (v[1:] + v[:-1]) * steps, 0.0)))
+    apart = np.append(
+        0.0, np.cumsum(np.where(whole, np.diff(q) - 0.5 * (v[1:] + v[:-1]) * steps, 0.0))
+    )
     step = find_step(q)
     spread = SHARE * float(np.std(v)) * log.dt
     out = np.zeros(len(rows), bool)
@@ -144,7 +170,11 @@ def compute_usual_travel(apart: Array, free: Flags, begin: int, end: int) -> flo
     """
     length = end - begin
     everywhere = range(0, max(len(apart) - length, 1), max(length, len(apart) // 200))
-    nearby = (begin + k * length for k in (-3, -2, -1, 1, 2, 3) if 0 <= begin + k * length <= len(apart) - length)
+    nearby = (
+        begin + k * length
+        for k in (-3, -2, -1, 1, 2, 3)
+        if 0 <= begin + k * length <= len(apart) - length
+    )
     far, near = (
         [float(np.ptp(apart[k : k + length])) for k in starts if free[k : k + length].mean() > 0.8]
         for starts in (everywhere, nearby)

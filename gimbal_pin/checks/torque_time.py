@@ -74,7 +74,11 @@ class Shift(NamedTuple):
 
 def check_time(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> tuple[str, ...]:
     """Raise `LogError` if a torque acts too early or late to be this motion's; say where it is noticeably so."""
-    return tuple(said for log in logs for said in report_shifts(log, find_shifted_torques(rig, log, filtering)))
+    return tuple(
+        said
+        for log in logs
+        for said in report_shifts(log, find_shifted_torques(rig, log, filtering))
+    )
 
 
 def report_shifts(log: Log, found: Sequence[Shift]) -> tuple[str, ...]:
@@ -123,8 +127,12 @@ def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shif
     if log.tau is None or filtering.alignment is not None:
         return ()
     slow = Filtering(cutoff=min(filtering.cutoff, Filtering().cutoff))
-    shifts = np.arange(-LARGEST_TIME_SHIFT, LARGEST_TIME_SHIFT + TIME_SHIFT_STEP / 2, TIME_SHIFT_STEP)
-    rows, shifted = build_shifted_rows(build_design(rig, subsample_log(log, SHIFT_TIME).log, slow), shifts)
+    shifts = np.arange(
+        -LARGEST_TIME_SHIFT, LARGEST_TIME_SHIFT + TIME_SHIFT_STEP / 2, TIME_SHIFT_STEP
+    )
+    rows, shifted = build_shifted_rows(
+        build_design(rig, subsample_log(log, SHIFT_TIME).log, slow), shifts
+    )
     if not rows:
         return ()
     torque = np.concatenate(shifted)
@@ -172,7 +180,10 @@ def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list
             block = design.build_block(samples, keep, 1 / dt)
             few = samples.t[way.few]
             tau = samples.tau
-            each = [np.stack([np.interp(few - by, samples.t, x) for x in tau.T], axis=1) for by in shifts]
+            each = [
+                np.stack([np.interp(few - by, samples.t, x) for x in tau.T], axis=1)
+                for by in shifts
+            ]
             rows.append(block)
             torques.append(np.stack([way.filter_torque(one) - block.known for one in each], axis=2))
     return rows, torques
@@ -200,7 +211,11 @@ def find_best_outside(left: Array, inside: Flags) -> int | None:
     k = int(min(least, key=lambda i: abs(i - len(total) // 2)))
     within = int(np.argmin(np.where(inside, total, np.inf)))
     better = int(np.sum(left[:, k] < left[:, within]))
-    return k if not inside[k] and total[k] < CLEARER * total[within] and better >= AGREEING_BLOCKS else None
+    return (
+        k
+        if not inside[k] and total[k] < CLEARER * total[within] and better >= AGREEING_BLOCKS
+        else None
+    )
 
 
 def find_vertex(y: Array, k: int) -> float:

@@ -34,7 +34,18 @@ NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new
 VERBS: Mapping[str, Callable[..., None]] = {
     name.replace("_", "-"): getattr(import_module(f"gimbal_pin.cli.{name}"), name)
     for name in (
-        *("inspect", "rigs", "new_rig", "check", "base", "excite", "simulate", "rehearse", "identify", "diagnose"),
+        *(
+            "inspect",
+            "rigs",
+            "new_rig",
+            "check",
+            "base",
+            "excite",
+            "simulate",
+            "rehearse",
+            "identify",
+            "diagnose",
+        ),
         *("tune", "track", "export", "animate", "auto", "studio", "montecarlo", "fleet", "demo"),
     )
 }
@@ -42,7 +53,9 @@ VERBS: Mapping[str, Callable[..., None]] = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the verb that the arguments name, and leave with its exit code."""
-    os.environ["MPLBACKEND"] = "agg"  # no verb opens a window of Matplotlib's, whatever a notebook or shell asks for
+    os.environ["MPLBACKEND"] = (
+        "agg"  # no verb opens a window of Matplotlib's, whatever a notebook or shell asks for
+    )
     try:
         check_limits()
         with exit_on_signals():
@@ -80,7 +93,11 @@ def describe_exhaustion(error: Exception) -> str | None:
         said = str(cause).lower()
         if number in (errno.EMFILE, errno.ENFILE):
             return "open files: as many as the limit allows are open; raise it (ulimit -n)"
-        if isinstance(cause, MemoryError) or number == errno.ENOMEM or any(words in said for words in NO_MEMORY):
+        if (
+            isinstance(cause, MemoryError)
+            or number == errno.ENOMEM
+            or any(words in said for words in NO_MEMORY)
+        ):
             return "memory: is used up; free some, raise the limit (ulimit -v), or ask for less"
         cause = cause.__cause__ or cause.__context__
     if isinstance(error, FileNotFoundError) and not is_in_folder():
@@ -125,7 +142,9 @@ def parse_arguments(arguments: Sequence[str]) -> Callable[[], None]:
     """Return the call that the arguments spell; a usage error is one line on standard error and exit code 2."""
     if not arguments or arguments[0] in ("-h", "--help"):
         return functools.partial(say, list_verbs())
-    if any("\0" in word for word in arguments):  # no shell passes one on, and no system call takes it
+    if any(
+        "\0" in word for word in arguments
+    ):  # no shell passes one on, and no system call takes it
         raise UsageError("arguments", "hold a NUL character", "leave it out")
     name, *rest = arguments
     if name not in VERBS:
@@ -146,7 +165,9 @@ def parse_arguments(arguments: Sequence[str]) -> Callable[[], None]:
 def list_verbs() -> str:
     """Name every verb with the first sentence of its docstring: quick, since no verb's arguments are looked at."""
     lines = [f"  {name:<11}{(getdoc(verb) or '').splitlines()[0]}" for name, verb in VERBS.items()]
-    return "\n".join([(__doc__ or "").replace("``", ""), "", "usage: gimbal-pin VERB [-h]", "", *lines])
+    return "\n".join(
+        [(__doc__ or "").replace("``", ""), "", "usage: gimbal-pin VERB [-h]", "", *lines]
+    )
 
 
 def deferred(verb: Callable[..., None]) -> Callable[..., Callable[[], None]]:
@@ -165,5 +186,11 @@ def deferred(verb: Callable[..., None]) -> Callable[..., Callable[[], None]]:
 
 def one_line(message: str) -> str:
     """Fold the parser's message, a heading over what says the same and more, into one line."""
-    lines = [line for line in (re.sub(r"[─-]{4,}|[─│╭╮╰╯]", "", line).strip() for line in message.splitlines()) if line]
+    lines = [
+        line
+        for line in (
+            re.sub(r"[─-]{4,}|[─│╭╮╰╯]", "", line).strip() for line in message.splitlines()
+        )
+        if line
+    ]
     return "; ".join(lines[1:] or lines).replace(":; ", ": ")

@@ -29,7 +29,10 @@ def list_films(output: str | Path, given: Mapping[str, Any]) -> list[Path]:
     """Return the file of each log: the output, numbered where there are several."""
     path = Path(output)
     count = len(given["logs"])
-    return [path if count == 1 else path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
+    return [
+        path if count == 1 else path.with_name(f"{path.stem}-{k}{path.suffix}")
+        for k in range(1, count + 1)
+    ]
 
 
 def list_film_suffixes() -> tuple[str, ...]:
@@ -41,7 +44,9 @@ def list_film_suffixes() -> tuple[str, ...]:
 
 def animate(
     rig: opt.RigName,
-    logs: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG …", help_behavior_hint="(at least one)")],
+    logs: Annotated[
+        Positional[tuple[str, ...]], arg(metavar="LOG …", help_behavior_hint="(at least one)")
+    ],
     output: Annotated[opt.File, Writes(list_film_suffixes, list_films), opt.TO] = None,
     *,
     payload: opt.Payload = None,
@@ -49,7 +54,9 @@ def animate(
     speed: Annotated[float, opt.between("--speed", 0.001, 1000)] = 1.0,
     fps: Annotated[opt.Maybe[float], opt.between("--fps", 0.1, 240)] = None,
     ghost: bool = True,
-    at: Annotated[opt.Maybe[float], opt.between("--at", -1e10, 1e10, "s")] = None,  # from a boot, or from 1970
+    at: Annotated[
+        opt.Maybe[float], opt.between("--at", -1e10, 1e10, "s")
+    ] = None,  # from a boot, or from 1970
     beside: Annotated[opt.Maybe[str], arg(metavar="LOG")] = None,
     camera: opt.Maybe[View] = None,
     preset: opt.Maybe[Preset] = None,

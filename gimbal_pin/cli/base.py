@@ -7,7 +7,9 @@ from gimbal_pin.cli.inputs import load_rig
 from gimbal_pin.cli.present import present
 
 
-def base(rig: opt.RigName, *, payload: opt.Payload = None, diagonal: bool = False, json: opt.Json = None) -> None:
+def base(
+    rig: opt.RigName, *, payload: opt.Payload = None, diagonal: bool = False, json: opt.Json = None
+) -> None:
     """Base parameters: what the joint torques can show, the regrouping, what they cannot.
 
     Args:

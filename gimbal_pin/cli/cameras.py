@@ -30,7 +30,12 @@ def read_known_gimbal(rig: str, payload: str | None, logs: Sequence[str], known:
 
 
 def read_cameras(
-    rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str], known: str | None, extended: str | None
+    rig: str,
+    payload: str | None,
+    logs: Sequence[str],
+    mapping: Sequence[str],
+    known: str | None,
+    extended: str | None,
 ) -> Callable[..., Several]:
     """Read logs of a new camera on a known gimbal, or of those that they are tagged with; return what identifies them.
 
@@ -42,18 +47,32 @@ def read_cameras(
         known: A model's YAML of the gimbal with another camera.
         extended: One whose causes stand in the equations.
     """
-    from gimbal_pin.identification import identify_new, identify_several, read_model, refittable_effects
+    from gimbal_pin.identification import (
+        identify_new,
+        identify_several,
+        read_model,
+        refittable_effects,
+    )
 
     if known is not None:
         loaded, read = load_logs(rig, payload, logs, mapping)
         return partial(identify_new, loaded, read, read_known_gimbal(rig, payload, logs, known))
     tags = [tag for tag in list_tags(logs) if tag is not None]
     if payload is not None or None in list_tags(logs):
-        raise UsageError("logs", "are only partly tagged with a payload", "tag each of them: LOG@PAYLOAD, no --payload")
-    pairs = {tag: load_logs(rig, None, [log for log in logs if log.endswith(f"@{tag}")], mapping) for tag in tags}
+        raise UsageError(
+            "logs",
+            "are only partly tagged with a payload",
+            "tag each of them: LOG@PAYLOAD, no --payload",
+        )
+    pairs = {
+        tag: load_logs(rig, None, [log for log in logs if log.endswith(f"@{tag}")], mapping)
+        for tag in tags
+    }
     rigs = {tag: pair[0] for tag, pair in pairs.items()}
     each = {tag: pair[1] for tag, pair in pairs.items()}
     causes: tuple[Effect, ...] = ()
     if extended is not None:
-        causes = refittable_effects(read_model(extended, load_rig(rig, read_payload(extended, *tags))))
+        causes = refittable_effects(
+            read_model(extended, load_rig(rig, read_payload(extended, *tags)))
+        )
     return partial(identify_several, rigs, each, causes)

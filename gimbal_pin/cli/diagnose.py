@@ -75,24 +75,39 @@ def diagnose(
         causes = refittable_effects(found.after)
         filters = choose_filter(None, alignment)
         atomic_write(
-            urdf, identify(loaded, read, causes, holdout=holdout, filtering=filters, examined="never").to_urdf()
+            urdf,
+            identify(
+                loaded, read, causes, holdout=holdout, filtering=filters, examined="never"
+            ).to_urdf(),
         )
     if mjcf is not None:
         stands = found.after.rig.with_phi(loaded.phi)
         filters = choose_filter(None, alignment)
         again = identify(
-            stands, read, refittable_effects(found.after), holdout=holdout, filtering=filters, examined="never"
+            stands,
+            read,
+            refittable_effects(found.after),
+            holdout=holdout,
+            filtering=filters,
+            examined="never",
         )
         terms = {term.effect: term for term in (*found.after.terms, *again.model.terms)}
         bodies = stands.with_phi(again.consistent.phi)
-        text, unwritten = convert_to_mjcf(replace(found.after, rig=bodies, terms=tuple(terms.values())))
+        text, unwritten = convert_to_mjcf(
+            replace(found.after, rig=bodies, terms=tuple(terms.values()))
+        )
         atomic_write(mjcf, text)
         tell(unwritten)
     if found.state is not None:
         write_recordings(found.after, read, band, mcap, rrd)
     else:
         named = [str(file) for file in (mcap, rrd) if file is not None]
-        tell([f"{file} is not written: nothing of the model holds before the logs are mended" for file in named])
+        tell(
+            [
+                f"{file} is not written: nothing of the model holds before the logs are mended"
+                for file in named
+            ]
+        )
     files: Mapping[str, Path] = {}
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))

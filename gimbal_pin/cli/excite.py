@@ -61,7 +61,12 @@ def excite(
     """
     import numpy as np
 
-    from gimbal_pin.excitation import build_criterion_after_logs, count_periods, list_shown_effects, predict_estimate
+    from gimbal_pin.excitation import (
+        build_criterion_after_logs,
+        count_periods,
+        list_shown_effects,
+        predict_estimate,
+    )
     from gimbal_pin.excitation import excite as run
     from gimbal_pin.log.io import write_motion
     from gimbal_pin.report.elements import join_documents
@@ -71,7 +76,9 @@ def excite(
     camera = payload or read_payload(model)
     loaded, read = load_logs(rig, camera, after, map) if after else (load_rig(rig, camera), [])
     plant = read_plant(model, loaded)
-    plant = replace(plant, rig=replace(plant.rig, limits=read_limits(limit, plant.rig.joints, plant.rig.limits)))
+    plant = replace(
+        plant, rig=replace(plant.rig, limits=read_limits(limit, plant.rig.joints, plant.rig.limits))
+    )
     shown = list_shown_effects(plant, effect)
     found = run(
         plant.rig, seconds=seconds, periods=count_periods(seconds) if periods is None else periods, harmonics=harmonics,
@@ -81,7 +88,12 @@ def excite(
     )  # fmt: skip
     write_motion(found.motion, found.joints, output)
     told = predict_estimate(
-        plant, found.sample(log_rate), effects=shown, torque_noise=torque_noise, form_error=form_error, rng=seed
+        plant,
+        found.sample(log_rate),
+        effects=shown,
+        torque_noise=torque_noise,
+        form_error=form_error,
+        rng=seed,
     )
     said = join_documents([describe_record(found), describe_record(told)]).to_text()
     said = f"{said}\n{describe_next_step(rig, output, first, bool(read))}".rstrip()
@@ -96,4 +108,8 @@ def describe_next_step(rig: str, output: Path, first: bool, later: bool) -> str:
             "a tenth of the amplitude, and at most a tenth of each torque limit beyond gravity and friction: record it "
             f"as {log}; 'diagnose {rig} {log}' tells wrong signs, units and order of joints before the full motion runs"
         )
-    return "" if later else "never moved this machine? --first writes this motion at a tenth, to be run before it"
+    return (
+        ""
+        if later
+        else "never moved this machine? --first writes this motion at a tenth, to be run before it"
+    )

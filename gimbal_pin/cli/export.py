@@ -39,7 +39,8 @@ def list_simplefoc_files(given: Mapping[str, Any]) -> tuple[str, ...]:
 
 def export(
     controller: Annotated[
-        Positional[str], arg(metavar="CONTROLLER", help="a controller's YAML, from 'gimbal-pin tune'")
+        Positional[str],
+        arg(metavar="CONTROLLER", help="a controller's YAML, from 'gimbal-pin tune'"),
     ],
     *,
     c: Annotated[opt.Folder, Writes(run=list_c_files)] = None,
@@ -76,7 +77,9 @@ def export(
         raise UsageError("export", "is not told what to write", f"add {options}")
     if map and platform_log is None:
         raise UsageError("--map", "has no log to map", "name it with --platform-log FILE")
-    loaded = load_rig(find_controller_rig(controller) if rig is None else rig, payload or read_payload(controller))
+    loaded = load_rig(
+        find_controller_rig(controller) if rig is None else rig, payload or read_payload(controller)
+    )
     stored = read_tuned(controller, loaded, has_plant=False)
     folders: list[tuple[Path, Mapping[str, str]]] = []
     folders += [] if simplefoc is None else [(simplefoc, tables.simplefoc(stored.model))]
@@ -84,14 +87,24 @@ def export(
     simulated, notes = ("", ()) if mjcf is None else convert_to_mjcf(stored.model)
     result: dict[str, Any] = {"schema": 1, "notes": list(notes)}
     if c is not None or ros2 is not None:
-        found = export_controller(stored, None if platform_log is None else read_base_motion(loaded, platform_log, map))
+        found = export_controller(
+            stored, None if platform_log is None else read_base_motion(loaded, platform_log, map)
+        )
         result |= found.to_dict()
         folders += [] if c is None else [(c, found.files)]
         folders += [] if ros2 is None else [(ros2, package(stored, found.files))]
     for folder, content in folders:
-        write_run(folder, {name: partial(atomic_write, content=body) for name, body in content.items()}, asked)
+        write_run(
+            folder,
+            {name: partial(atomic_write, content=body) for name, body in content.items()},
+            asked,
+        )
     if c is not None and not loaded.config.imus:
-        tell([f"{loaded.name} names no IMUs, by which the main loop holds the camera: run gimbal_tracking_step"])
+        tell(
+            [
+                f"{loaded.name} names no IMUs, by which the main loop holds the camera: run gimbal_tracking_step"
+            ]
+        )
     if odrive is not None and table is not None:
         atomic_write(odrive, table)
     if mjcf is not None:
@@ -116,7 +129,9 @@ def find_controller_rig(controller: str) -> str:
     data = read_yaml(controller, ModelError)
     name, file = (data.get("rig"), data.get("rig_file")) if isinstance(data, dict) else (None, None)
     if not isinstance(name, str):
-        raise ModelError(controller, "holds no controller", "make one with: gimbal-pin tune RIG MODEL -o FILE")
+        raise ModelError(
+            controller, "holds no controller", "make one with: gimbal-pin tune RIG MODEL -o FILE"
+        )
     if isinstance(file, str) and (path := Path(controller).parent / file).is_file():
         return str(path)
     if name not in bundled_rigs():

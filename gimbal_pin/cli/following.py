@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 
 
 def learn(
-    online: Online, log: str, mapping: Sequence[str], idle: float | None, plot: Path | None, as_lines: bool
+    online: Online,
+    log: str,
+    mapping: Sequence[str],
+    idle: float | None,
+    plot: Path | None,
+    as_lines: bool,
 ) -> Identified:
     """Learn from a growing log until it ends, cannot be used any longer or Ctrl-C is pressed, a line a second.
 
@@ -73,7 +78,14 @@ def describe_progress(found: Progress, said: int) -> str:
     if found.hidden:
         parts.append(f"{len(found.hidden)} of {len(found.names)} parameters do not show yet")
     else:
-        rows = [(found.names[k], found.value[k], NORMAL_95 * found.std[k], found.units[k]) for k in found.telling[:3]]
-        parts.append(", ".join(f"{name} {digits(x, 4)} ± {digits(half, 1)} {unit}" for name, x, half, unit in rows))
+        rows = [
+            (found.names[k], found.value[k], NORMAL_95 * found.std[k], found.units[k])
+            for k in found.telling[:3]
+        ]
+        parts.append(
+            ", ".join(
+                f"{name} {digits(x, 4)} ± {digits(half, 1)} {unit}" for name, x, half, unit in rows
+            )
+        )
     events = [f"{event.t:8.1f} s  {event.sentence}" for event in found.events[said:]]
     return "\n".join([*events, "  ".join(parts)])

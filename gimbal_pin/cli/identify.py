@@ -76,27 +76,45 @@ def identify(
     check_follow_options(
         follow=follow,
         whole=(
-            *(("--extended", extended), ("--estimator", estimator != "weighted"), ("--holdout", holdout)),
+            *(
+                ("--extended", extended),
+                ("--estimator", estimator != "weighted"),
+                ("--holdout", holdout),
+            ),
             *(("--bias", bias), ("--refit", refit), ("--mass", mass), ("--trust", trust)),
             *(("--mcap", mcap), ("--rrd", rrd)),
         ),
         growing=(("--forget", forget), ("--idle", idle is not None), ("--plot", plot)),
     )
     if extended is not None and known is not None:
-        raise UsageError("--extended", "is given beside --known", "give the extended model as --known: its causes stay")
+        raise UsageError(
+            "--extended",
+            "is given beside --known",
+            "give the extended model as --known: its causes stay",
+        )
     filters = choose_filter(cutoff, alignment)
     trusted = trust or TRUST
     chosen = choose_estimator(estimator, trusted)
     if not follow and (known is not None or len(list_tags(logs)) > 1):
         if known is None and urdf is not None:
-            raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
+            raise UsageError(
+                "--urdf", "takes one payload", "write it from that payload's logs alone"
+            )
         if known is None and mass is not None:
-            raise UsageError("--mass", "is of one payload", "give it with that payload's logs alone")
+            raise UsageError(
+                "--mass", "is of one payload", "give it with that payload's logs alone"
+            )
         if mcap is not None or rrd is not None:
             raise UsageError(
-                "--mcap, --rrd", "take one payload without --known", "write them with 'gimbal-pin diagnose'"
+                "--mcap, --rrd",
+                "take one payload without --known",
+                "write them with 'gimbal-pin diagnose'",
             )
-        estimate = partial(read_cameras(rig, payload, logs, map, known, extended), estimator=chosen, filtering=filters)
+        estimate = partial(
+            read_cameras(rig, payload, logs, map, known, extended),
+            estimator=chosen,
+            filtering=filters,
+        )
         return tell_cameras(estimate, holdout, refit, mass, output, urdf, json)
     if follow:
         online = start_online(rig, logs, payload, known, filters, forget)
@@ -104,7 +122,9 @@ def identify(
     else:
         loaded, read = load_logs(rig, payload, logs, map, moving=True)
         when: WhenTested = "always" if bias else "noisy"
-        fit = partial(run, loaded, read, estimator=chosen, filtering=filters, trust=trusted, examined=when)
+        fit = partial(
+            run, loaded, read, estimator=chosen, filtering=filters, trust=trusted, examined=when
+        )
         found = identify_beside_causes(fit, loaded, extended, holdout, refit)
         write_recordings(found.model, read, filters or limit_band(read), mcap, rrd)
     write_models(found, output, urdf)
@@ -184,7 +204,9 @@ def identify_beside_causes(
     if refit:
         kept = tuple(term.effect for term in found.model.terms if term.effect in causes)
         found = keep_held_out_accuracy(found, fit(kept, holdout="none"))
-    return replace(found, notes=(*found.notes, *(() if further is None else describe_omitted_effects(further))))
+    return replace(
+        found, notes=(*found.notes, *(() if further is None else describe_omitted_effects(further)))
+    )
 
 
 def tell_model(found: Identified, mass: float | None, json: Path | None, as_lines: bool) -> None:
@@ -200,7 +222,10 @@ def tell_model(found: Identified, mass: float | None, json: Path | None, as_line
 
 
 def write_models(
-    found: Identified, output: Path | None, urdf: Path | None, each: Mapping[str, Identified] | None = None
+    found: Identified,
+    output: Path | None,
+    urdf: Path | None,
+    each: Mapping[str, Identified] | None = None,
 ) -> None:
     """Write the model, of every payload where there are several, and the URDF, each if it is asked for."""
     from gimbal_pin.identification.model_file import write_model
@@ -217,4 +242,8 @@ def choose_estimator(name: str, trust: float) -> Estimator:
     from gimbal_pin.identification import ESTIMATORS
     from gimbal_pin.regression import Method, fit_ridge
 
-    return partial(fit_ridge, trust=trust) if Method(name) is Method.RIDGE else ESTIMATORS[Method(name)]
+    return (
+        partial(fit_ridge, trust=trust)
+        if Method(name) is Method.RIDGE
+        else ESTIMATORS[Method(name)]
+    )

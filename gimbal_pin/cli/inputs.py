@@ -31,7 +31,11 @@ def load_rig(rig: str, payload: str | None) -> Rig:
 
 
 def read_logs(
-    rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str], need_tau: bool = True
+    rig: str,
+    payload: str | None,
+    logs: Sequence[str],
+    mapping: Sequence[str],
+    need_tau: bool = True,
 ) -> tuple[Rig, list[Log]]:
     """Return logs and their rig; joints that no log records are fixed in it, and that is told."""
     from gimbal_pin.log.io import log_in, open_table, split_payload
@@ -42,10 +46,14 @@ def read_logs(
     tables = [open_table(split_payload(log)[0]) for log in logs]
     if absent := find_unrecorded_joints(loaded, tables, mapping):
         held = ", ".join(f"{joint} {at:g}" for joint, at in absent.items())
-        what = "no log has a column of these joints, which are held at this angle (rad) or place (m)"
+        what = (
+            "no log has a column of these joints, which are held at this angle (rad) or place (m)"
+        )
         tell([f"{what}: {held}; 'fixed:' in the rig's YAML states another"])
         loaded = Rig.load(rig, payload, fixed=absent)
-    return loaded, [log_in(x, loaded, mapping, split_payload(log)[1], need_tau) for x, log in zip(tables, logs)]
+    return loaded, [
+        log_in(x, loaded, mapping, split_payload(log)[1], need_tau) for x, log in zip(tables, logs)
+    ]
 
 
 def load_logs(
@@ -62,7 +70,9 @@ def load_logs(
     if not logs:
         raise UsageError("LOG", "none was given", "name at least one log after the rig")
     tags = sorted({tag for _, tag in (split_payload(log) for log in logs) if tag is not None})
-    if len(tags) > 1 or (tags and payload is None and any(split_payload(log)[1] is None for log in logs)):
+    if len(tags) > 1 or (
+        tags and payload is None and any(split_payload(log)[1] is None for log in logs)
+    ):
         what = f"are of several payloads ({', '.join(tags)}{' and one not named' if len(tags) == 1 else ''})"
         raise UsageError(
             "logs",
@@ -76,7 +86,9 @@ def load_logs(
     return fix_still_joints(loaded, read, rig, camera) if moving else (loaded, read)
 
 
-def fix_still_joints(loaded: Rig, logs: list[Log], rig: str, payload: str | None) -> tuple[Rig, list[Log]]:
+def fix_still_joints(
+    loaded: Rig, logs: list[Log], rig: str, payload: str | None
+) -> tuple[Rig, list[Log]]:
     """Fix joints in a rig that its logs hold still as their references ask, and tell that."""
     from gimbal_pin.log.io.columns import find_held_joints
     from gimbal_pin.rig.rig import Rig
@@ -85,14 +97,20 @@ def fix_still_joints(loaded: Rig, logs: list[Log], rig: str, payload: str | None
     if not still:
         return loaded, logs
     held = ", ".join(f"{joint} {at:.3g}" for joint, at in still.items())
-    tell([f"at rest, as their references ask, and not excited, at this angle (rad) or place (m): {held}"])
+    tell(
+        [
+            f"at rest, as their references ask, and not excited, at this angle (rad) or place (m): {held}"
+        ]
+    )
     fixed = Rig.load(rig, payload, fixed={**loaded.config.fixed, **still})
     return fixed, [log.ordered(fixed) for log in logs]
 
 
 def describe_run(verb: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a folder's ``run.json`` says of a verb that was given these arguments."""
-    arguments = {name: vars(value) if is_dataclass(value) else value for name, value in given.items()}
+    arguments = {
+        name: vars(value) if is_dataclass(value) else value for name, value in given.items()
+    }
     return {"verb": verb, "arguments": arguments}
 
 
@@ -106,7 +124,9 @@ def describe_origin(verb: Callable[..., None], given: Mapping[str, Any]) -> Orig
     return Origin(datetime.now(timezone.utc), spell_call(verb, given), inputs)
 
 
-def read_platform(rig: Rig, profile: str, log: Path | None, mapping: Sequence[str]) -> Platform | None:
+def read_platform(
+    rig: Rig, profile: str, log: Path | None, mapping: Sequence[str]
+) -> Platform | None:
     """Return the platform's motion from a log, if there is one; `UsageError` if a profile is given beside it."""
     from gimbal_pin.log.platform import Platform
 
@@ -173,5 +193,7 @@ def read_payload(name: str | Path | None, *given: str | None) -> str | None:
     payload = data.get("payload") if isinstance(data, dict) else None
     if payload in bundled_payloads() or not isinstance(payload, str):
         return payload if isinstance(payload, str) else None
-    files = [Path(each) for each in given if each is not None] + [Path(name).with_name(f"{Path(payload).name}.urdf")]
+    files = [Path(each) for each in given if each is not None] + [
+        Path(name).with_name(f"{Path(payload).name}.urdf")
+    ]
     return next((str(file) for file in files if file.stem == payload and file.is_file()), None)

@@ -22,7 +22,9 @@ def inspect(
     files: opt.Logs,
     *,
     rig: opt.OtherRig = None,
-    output: Annotated[opt.File, Writes(lambda: (".html", *list_plot_suffixes())), arg(aliases=["-o"])] = None,
+    output: Annotated[
+        opt.File, Writes(lambda: (".html", *list_plot_suffixes())), arg(aliases=["-o"])
+    ] = None,
     yaml: Annotated[opt.File, Writes((".yaml", ".yml"))] = None,
     json: opt.Json = None,
 ) -> None:
@@ -43,7 +45,9 @@ def inspect(
     if not files:
         raise UsageError("LOG", "none was given", "name at least one file")
     if yaml is not None and rig is None:
-        raise UsageError("--yaml", "is given without a rig", "say with --rig whose joints the columns are of")
+        raise UsageError(
+            "--yaml", "is given without a rig", "say with --rig whose joints the columns are of"
+        )
     loaded = None if rig is None else load_rig(rig, None)
     found = [run(split_payload(file)[0], loaded) for file in files]
     if yaml is not None:
@@ -55,7 +59,8 @@ def inspect(
     else:
         write_figure(found[0].plot, output)
     described = [
-        {**one.to_dict(), "altered": [change.to_dict() for change in each]} for one, each in zip(found, altered)
+        {**one.to_dict(), "altered": [change.to_dict() for change in each]}
+        for one, each in zip(found, altered)
     ]
     result = {"schema": 1, "rig": None if loaded is None else loaded.name, "files": described}
     present(page.to_text(), result, json)
@@ -69,7 +74,9 @@ def find_alterations(rig: Rig, found: Inspected) -> tuple[Alteration, ...]:
 
     if found.missing:
         return ()  # the mapping lists what has to be filled in
-    entries = [f"{target}={format_expression(*source[:2])}" for target, source in found.mapping.items()]
+    entries = [
+        f"{target}={format_expression(*source[:2])}" for target, source in found.mapping.items()
+    ]
     try:
         return check_log(rig, read_log(found.name, rig, entries), repairs_only=True).alterations
     except GimbalPinError as error:

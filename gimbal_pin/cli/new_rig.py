@@ -16,7 +16,9 @@ from gimbal_pin.cli.present import say
 THERE = Reads(lambda value: filter(Path.exists, list_rig_files(value)))
 
 
-def new_rig(urdf: Annotated[Positional[str], THERE, arg(metavar="URDF")], *, output: opt.MaybeYaml = None) -> None:
+def new_rig(
+    urdf: Annotated[Positional[str], THERE, arg(metavar="URDF")], *, output: opt.MaybeYaml = None
+) -> None:
     """Write a commented YAML for a rig: what a URDF cannot say of motors, camera and IMUs, guessed where it can be.
 
     Args:

@@ -25,7 +25,9 @@ Folder = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
 Repeated = Annotated[UseAppendAction[tuple[str, ...]], arg(help_behavior_hint="(repeatable)")]
 
 
-def between(option: str, low: float, high: float, unit: str = "", kind: type[int] | type[float] = float) -> Any:
+def between(
+    option: str, low: float, high: float, unit: str = "", kind: type[int] | type[float] = float
+) -> Any:
     """Read an option's number, which must lie between two bounds; ``--help`` shows them where the value stands.
 
     Raises:
@@ -41,7 +43,11 @@ def between(option: str, low: float, high: float, unit: str = "", kind: type[int
         except (ValueError, OverflowError):
             said = f"'{words[0]}'"
         number = "a whole number from" if kind is int else ""
-        raise UsageError(option, f"is {shortened(said, 40)}", f"give {number} {' to '.join(ends)} {unit}".rstrip())
+        raise UsageError(
+            option,
+            f"is {shortened(said, 40)}",
+            f"give {number} {' to '.join(ends)} {unit}".rstrip(),
+        )
 
     return PrimitiveConstructorSpec(
         nargs=1,
@@ -61,7 +67,10 @@ RIG_FILES = Reads(paths.list_rig_files)
 RigName = Annotated[
     Positional[str],
     RIG_FILES,
-    arg(metavar="RIG", help="bundled rig, URDF, xacro, SDF, MJCF, NAME_description, or a YAML that names one"),
+    arg(
+        metavar="RIG",
+        help="bundled rig, URDF, xacro, SDF, MJCF, NAME_description, or a YAML that names one",
+    ),
 ]
 OtherRig = Annotated[Maybe[str], RIG_FILES, arg(metavar="RIG")]
 Logs = Annotated[
@@ -80,15 +89,26 @@ Payload = Annotated[
 Mass = Annotated[
     float | None,
     between("--mass", 1e-4, 1e4, "kg"),
-    optional(None, "what the payload weighs on a scale: its place and balance then stand on that", "as the log shows"),
+    optional(
+        None,
+        "what the payload weighs on a scale: its place and balance then stand on that",
+        "as the log shows",
+    ),
 ]
 ModelFile = Annotated[
     Path | None,
-    optional("MODEL", "the plant: a model's YAML, from identify or diagnose", "the rig as its URDF states it"),
+    optional(
+        "MODEL",
+        "the plant: a model's YAML, from identify or diagnose",
+        "the rig as its URDF states it",
+    ),
 ]
 Map = Annotated[
     UseAppendAction[tuple[str, ...]],
-    arg(metavar="COLUMN=SOURCE", help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these"),
+    arg(
+        metavar="COLUMN=SOURCE",
+        help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these",
+    ),
 ]
 Effects = Annotated[
     UseAppendAction[tuple[str, ...]],
@@ -101,29 +121,47 @@ TO = arg(aliases=["-o"], help="where to write")
 Output = Annotated[Path, Writes(paths.list_log_suffixes), TO, arg(metavar="FILE")]
 MaybeOutput = Annotated[File, Writes(paths.list_log_suffixes), TO]
 MaybeYaml = Annotated[File, Writes((".yaml", ".yml")), TO]
-INTO = arg(aliases=["-o"], help="folder for the files, made if it is not there; its run.json says of which run")
+INTO = arg(
+    aliases=["-o"],
+    help="folder for the files, made if it is not there; its run.json says of which run",
+)
 AutoFolder = Annotated[Path, Writes(run=paths.list_auto_files), INTO, arg(metavar="DIR")]
 Results = Annotated[
-    Path, arg(aliases=["-o"], metavar="DIR", help="folder for the results; a run that was interrupted continues there")
+    Path,
+    arg(
+        aliases=["-o"],
+        metavar="DIR",
+        help="folder for the results; a run that was interrupted continues there",
+    ),
 ]
 Urdf = Annotated[File, Writes((".urdf", ".xml"))]
 Mjcf = Annotated[File, Writes((".xml", ".mjcf"))]
 Mcap = Annotated[
     File,
     Writes((".mcap",)),
-    arg(help="write measured, model's and residual torque as JointState, for Foxglove and PlotJuggler"),
+    arg(
+        help="write measured, model's and residual torque as JointState, for Foxglove and PlotJuggler"
+    ),
 ]
 Rrd = Annotated[File, Writes((".rrd",)), arg(help="write the same with the moving rig, for Rerun")]
 Page = Annotated[File, Writes((".html",))]
 Plotted = Annotated[File, Writes(paths.list_plot_suffixes)]
-Json = Annotated[File, Writes((".json", ".jsonl")), arg(help="write the result as JSON; - for standard output")]
+Json = Annotated[
+    File, Writes((".json", ".jsonl")), arg(help="write the result as JSON; - for standard output")
+]
 Verbose = Annotated[bool, arg(help="print all that was found, not the outcome alone")]
 LiveView = Annotated[bool, arg(help="show the result in a browser on this machine")]
-Seed = Annotated[int, between("--seed", 0, 2**32 - 1, kind=int), arg(help="seed of everything random")]
+Seed = Annotated[
+    int, between("--seed", 0, 2**32 - 1, kind=int), arg(help="seed of everything random")
+]
 # The largest is a shock of 10 g for profile S, of 1 m/s² rms.
-PlatformSize = Annotated[float, between("--platform-size", 0, 100), arg(help="profile S times this")]
+PlatformSize = Annotated[
+    float, between("--platform-size", 0, 100), arg(help="profile S times this")
+]
 TorqueNoise = Annotated[
-    float, between("--torque-noise", 0, 10), arg(help="noise on the reported torque, share of its rms")
+    float,
+    between("--torque-noise", 0, 10),
+    arg(help="noise on the reported torque, share of its rms"),
 ]
 # A filter of 0.1 Hz remembers longer than most logs last; over 1 kHz no gimbal's mechanics answer.
 CUTOFF_RANGE = between("--cutoff", 0.1, 1000, "Hz")
@@ -139,7 +177,8 @@ Alignment = Annotated[
     optional(None, "the torque acts that much later than its stamp", "as the log says"),
 ]
 Holdout = Annotated[
-    str | None, optional("WHAT", "last-third, log:N or none", "the last third of one log, the last of several")
+    str | None,
+    optional("WHAT", "last-third, log:N or none", "the last third of one log, the last of several"),
 ]
 EstimatorName = Annotated[
     Literal["weighted", "ols", "robust", "instrumental", "output-error", "ridge", "physical"],
@@ -152,9 +191,13 @@ DELAY_SAMPLES = between("--delay-samples", 0, 50, kind=int)
 Workers = Annotated[
     int,
     between("--workers", 0, 4096, kind=int),
-    arg(help="processes of this machine without --scheduler; 0: one per processor, 1: only this one"),
+    arg(
+        help="processes of this machine without --scheduler; 0: one per processor, 1: only this one"
+    ),
 ]
-Scheduler = Annotated[str | None, optional("tcp://HOST:PORT", "run on the Dask cluster of this scheduler instead")]
+Scheduler = Annotated[
+    str | None, optional("tcp://HOST:PORT", "run on the Dask cluster of this scheduler instead")
+]
 Plants = Annotated[
     int,
     between("--plants", 1, 10000, kind=int),

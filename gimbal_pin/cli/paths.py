@@ -119,18 +119,28 @@ def check_outputs(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
 
     every = [(label, value, find_mark(marks)) for label, value, marks in list_options(verb, given)]
     written = [
-        (label, Path(value), mark) for label, value, mark in every if isinstance(mark, Writes) and value != Path("-")
+        (label, Path(value), mark)
+        for label, value, mark in every
+        if isinstance(mark, Writes) and value != Path("-")
     ]
     taken: dict[str | None, tuple[str, str]] = {}
     for label, value, mark in every if written else ():
-        if isinstance(mark, Reads) and isinstance(value, (str, Path, tuple)) and not given.get(mark.unless):
+        if (
+            isinstance(mark, Reads)
+            and isinstance(value, (str, Path, tuple))
+            and not given.get(mark.unless)
+        ):
             mend = f", or add --{mark.unless}" if mark.unless else ""
-            taken |= {identify_file(file): (f"which {label} reads", mend) for file in mark.files(value)}
+            taken |= {
+                identify_file(file): (f"which {label} reads", mend) for file in mark.files(value)
+            }
     for label, value, mark in written:
         own = {identify_file(file): file for file in mark.list_files(value, given)}
         for file in (own.keys() & taken.keys()) - {None}:
             what, mend = taken[file]
-            raise UsageError(label, f"would write over {own[file]}, {what}", f"name another place{mend}")
+            raise UsageError(
+                label, f"would write over {own[file]}, {what}", f"name another place{mend}"
+            )
         taken |= dict.fromkeys(own, (f"which {label} writes", ""))
     for label, value, mark in written:
         if mark.run is not None:
@@ -155,7 +165,9 @@ def identify_file(path: str | Path) -> str | None:
     return os.path.realpath(path) if os.path.isfile(path) or not os.path.exists(path) else None
 
 
-def list_options(of: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:
+def list_options(
+    of: Callable[..., Any], given: Mapping[str, Any]
+) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:
     """Yield name on the command line, value and annotations of every option that has a value, nested ones too."""
     for name, hint in inspect.get_annotations(of, eval_str=True).items():
         value = given.get(name)
@@ -169,7 +181,11 @@ def list_options(of: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[t
 def list_read_files(verb: Callable[..., None], given: Mapping[str, Any]) -> list[Path]:
     """Return the files that a verb reads with these arguments, each once."""
     marks = ((value, find_mark(several)) for _, value, several in list_options(verb, given))
-    read = ((value, mark) for value, mark in marks if isinstance(mark, Reads) and isinstance(value, (str, Path, tuple)))
+    read = (
+        (value, mark)
+        for value, mark in marks
+        if isinstance(mark, Reads) and isinstance(value, (str, Path, tuple))
+    )
     files = (os.path.realpath(file) for value, mark in read for file in mark.files(value))
     return [Path(file) for file in dict.fromkeys(files) if os.path.isfile(file)]
 
@@ -177,7 +193,10 @@ def list_read_files(verb: Callable[..., None], given: Mapping[str, Any]) -> list
 def spell_call(verb: Callable[..., None], given: Mapping[str, Any]) -> str:
     """Return a command line that gives a verb these arguments; of absolute paths it has the last parts alone."""
     parameters = inspect.signature(verb).parameters
-    usual = {name: value for name, value, _ in list_options(verb, {x.name: x.default for x in parameters.values()})}
+    usual = {
+        name: value
+        for name, value, _ in list_options(verb, {x.name: x.default for x in parameters.values()})
+    }
     words = ["gimbal-pin", verb.__name__.replace("_", "-")]
     for name, value, _ in list_options(verb, given):
         if name in usual and value == usual[name]:
@@ -186,7 +205,11 @@ def spell_call(verb: Callable[..., None], given: Mapping[str, Any]) -> str:
             words.append(name if value else f"--no-{name[2:]}")
         else:
             several = value if isinstance(value, tuple) else (value,)
-            words += [word for one in several for word in ((name, str(one)) if name.startswith("-") else (str(one),))]
+            words += [
+                word
+                for one in several
+                for word in ((name, str(one)) if name.startswith("-") else (str(one),))
+            ]
     return shlex.join(re.sub(r"(^|[=+@,])/(?:[^/]+/)*", r"\1", word) for word in words)
 
 
@@ -202,4 +225,6 @@ def label(name: str, marks: tuple[Any, ...]) -> str:
     described = [mark for mark in marks if hasattr(mark, "metavar") and hasattr(mark, "aliases")]
     if any(mark is Positional for mark in marks):
         return next(str(mark.metavar).split()[0] for mark in described if mark.metavar)
-    return next((str(mark.aliases[0]) for mark in described if mark.aliases), f"--{name.replace('_', '-')}")
+    return next(
+        (str(mark.aliases[0]) for mark in described if mark.aliases), f"--{name.replace('_', '-')}"
+    )

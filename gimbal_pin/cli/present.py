@@ -40,12 +40,16 @@ def say(text: str, to: TextIO | None = None) -> None:
     try:
         print(visible(text).encode(code, "backslashreplace").decode(code), file=stream, flush=True)
     except OSError as error:
-        sink = os.open(os.devnull, os.O_WRONLY)  # what is still in the buffer must not fail again when Python ends
+        sink = os.open(
+            os.devnull, os.O_WRONLY
+        )  # what is still in the buffer must not fail again when Python ends
         os.dup2(sink, stream.fileno())
         os.close(sink)
         if isinstance(error, BrokenPipeError):
             raise
-        raise UsageError("standard output", f"cannot be written ({error.strerror})", "send it elsewhere") from error
+        raise UsageError(
+            "standard output", f"cannot be written ({error.strerror})", "send it elsewhere"
+        ) from error
 
 
 def complain(what: str) -> None:
@@ -72,7 +76,11 @@ def write_figure(chart: Callable[[], Figure], output: Path | None) -> None:
 def check_shown(output: Path | None, live: bool) -> None:
     """Raise `UsageError` if a result would be neither written nor shown."""
     if output is None and not live:
-        raise UsageError("-o", "names no file", "say where to write with -o FILE, or --live to see it in a browser")
+        raise UsageError(
+            "-o",
+            "names no file",
+            "say where to write with -o FILE, or --live to see it in a browser",
+        )
 
 
 def play(rig: Rig, log: Log) -> None:

@@ -35,5 +35,7 @@ def rehearse(
     asked = Log("motion", loaded.joints, planned.t, planned.q, q_ref=planned.q)
     moving, _ = fix_still_joints(loaded, [asked], rig, payload)
     still = [joint for joint in loaded.joints if joint not in moving.joints]
-    found = run(moving, read_motion(motion, moving), still=still, torque_noise=torque_noise, rng=seed)
+    found = run(
+        moving, read_motion(motion, moving), still=still, torque_noise=torque_noise, rng=seed
+    )
     present(describe_record(found).to_text(), found.to_dict(), json)

@@ -23,19 +23,25 @@ def list_saved_files(given: object) -> tuple[str, ...]:
 def studio(
     rig: opt.RigName,
     logs: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG …", help_behavior_hint="")] = (),
-    output: Annotated[Path, Writes(run=list_saved_files), opt.INTO, arg(metavar="DIR")] = Path("gimbal-pin-studio"),
+    output: Annotated[Path, Writes(run=list_saved_files), opt.INTO, arg(metavar="DIR")] = Path(
+        "gimbal-pin-studio"
+    ),
     *,
     payload: opt.Payload = None,
     model: Annotated[
         Path | None,
         opt.optional(
-            "MODEL", "a model's YAML, from identify or diagnose", "identified from LOG; without LOG the URDF's"
+            "MODEL",
+            "a model's YAML, from identify or diagnose",
+            "identified from LOG; without LOG the URDF's",
         ),
     ] = None,
     map: opt.Map = (),
     cutoff: opt.Cutoff = None,
     browser: Annotated[bool, arg(help="open a window of the browser on the page")] = True,
-    check: Annotated[bool, arg(help="read and tune once, say what the page would show, and end")] = False,
+    check: Annotated[
+        bool, arg(help="read and tune once, say what the page would show, and end")
+    ] = False,
 ) -> None:
     """Tune by hand on a local page: sliders, loops, residual, camera swap; needs gimbal-pin[studio].
 
@@ -51,7 +57,9 @@ def studio(
     load = payload or read_payload(model)
     loaded, read = load_logs(rig, load, logs, map) if logs else (load_rig(rig, load), [])
     known = None if model is None else read_model(model, loaded)
-    desk = Desk(StudioSource(loaded, tuple(read), known, choose_filter(cutoff, None)), output, about)
+    desk = Desk(
+        StudioSource(loaded, tuple(read), known, choose_filter(cutoff, None)), output, about
+    )
     subject = desk.find_subject(StudioState())
     if check:
         say(str(tune_state(subject, StudioState())))

@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 
 def track(
     rig: opt.RigName,
-    controller: Annotated[Positional[str | None], arg(metavar="CONTROLLER", help_behavior_hint="")] = None,
+    controller: Annotated[
+        Positional[str | None], arg(metavar="CONTROLLER", help_behavior_hint="")
+    ] = None,
     *,
     payload: opt.Payload = None,
     model: opt.ModelFile = None,
@@ -89,19 +91,33 @@ def track(
             tell(check_platform_log(log.t, log.imus[own.base], log.name).notes)
     steps, judged = None, None
     if tuned is not None:
-        tell(("--effect stands in the plant whose camera is held; the steps are without it",) if effect else ())
+        tell(
+            ("--effect stands in the plant whose camera is held; the steps are without it",)
+            if effect
+            else ()
+        )
         steps, judged = step_controllers(tuned, plant or tuned.model, delay_samples, plants, seed)
-        steps = replace(steps, plant="the controller's own model" if model is None else f"the model in {model}")
+        steps = replace(
+            steps, plant="the controller's own model" if model is None else f"the model in {model}"
+        )
     if moving:
         recorded = read_platform(loaded, platform, platform_log, map)
         known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
-        late = delay_samples if delay_samples is not None else 1 if tuned is None else tuned.wish.holding_samples
+        late = (
+            delay_samples
+            if delay_samples is not None
+            else 1
+            if tuned is None
+            else tuned.wish.holding_samples
+        )
         held = verify(
             loaded, log=log, plant=plant, known=known, law=law, recorded=recorded, size=platform_size, causes=effect,
             seeds=seeds, seconds=seconds, jobs=jobs, delay=late,
         )  # fmt: skip
         write_figure(held.plot, plot)
-    page = join_documents([describe_record(one) for one in (judged, steps, held) if one is not None])
+    page = join_documents(
+        [describe_record(one) for one in (judged, steps, held) if one is not None]
+    )
     if report is not None:
         replace(page, origin=origin).write(report)
     if animation is not None and held is not None:
@@ -109,10 +125,18 @@ def track(
     present(page.to_text(verbose), collect_results(steps, judged, held), json)
 
 
-def collect_results(steps: Tracking | None, judged: Judgement | None, held: Verified | None) -> dict[str, Any]:
+def collect_results(
+    steps: Tracking | None, judged: Judgement | None, held: Verified | None
+) -> dict[str, Any]:
     """Return what JSON holds of steps and of a held camera."""
     own, more = ({} if one is None else one.to_dict() for one in (steps, held))
-    return {"schema": 1, "experiments": [], **own, **({} if judged is None else {"judged": judged.to_dict()}), **more}
+    return {
+        "schema": 1,
+        "experiments": [],
+        **own,
+        **({} if judged is None else {"judged": judged.to_dict()}),
+        **more,
+    }
 
 
 def check_camera_options(controller: str | None, moving: bool, held: Sequence[object]) -> None:
@@ -120,7 +144,9 @@ def check_camera_options(controller: str | None, moving: bool, held: Sequence[ob
     motions = "--platform S, --platform-log FILE"
     needing = "--animation --plot --effect --learn --platform-size"
     if controller is None and not moving:
-        raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {motions}")
+        raise UsageError(
+            "CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {motions}"
+        )
     for option, given in zip(needing.split(), held):
         if given and not moving:
             raise UsageError(option, "has no platform that moves", f"name a motion: {motions}")

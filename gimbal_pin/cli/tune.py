@@ -13,7 +13,9 @@ from gimbal_pin.cli.present import present, write_figure
 
 def tune(
     rig: opt.RigName,
-    source: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG|MODEL", help_behavior_hint="(at least one)")],
+    source: Annotated[
+        Positional[tuple[str, ...]], arg(metavar="LOG|MODEL", help_behavior_hint="(at least one)")
+    ],
     output: opt.MaybeYaml = None,
     *,
     payload: opt.Payload = None,
@@ -43,7 +45,9 @@ def tune(
         model = read_model(source[0], load_rig(rig, payload or read_payload(source[0])))
     else:
         model = identify(
-            *load_logs(rig, payload, source, map), filtering=choose_filter(cutoff, None), examined="never"
+            *load_logs(rig, payload, source, map),
+            filtering=choose_filter(cutoff, None),
+            examined="never",
         ).model
     found = run(
         model, kind=gains.kind, bandwidth_hz=gains.bandwidth_hz, disk_margin=gains.disk_margin, damping=gains.damping,
@@ -52,6 +56,8 @@ def tune(
     if output is not None:
         write_controller(found, output, output.parent)
     write_figure(found.plot, plot)
-    judged = judge_controllers(model, pair_rivals(found.stored), rng=0, plants=plants, delay=found.wish.delay)
+    judged = judge_controllers(
+        model, pair_rivals(found.stored), rng=0, plants=plants, delay=found.wish.delay
+    )
     page = join_documents([describe_record(found), describe_record(judged)])
     present(page.to_text(verbose), {**found.to_dict(), "judged": judged.to_dict()}, json)

@@ -28,7 +28,10 @@ def repeated(motion: Motion, seconds: float, dt: float) -> Motion:
     """Return a motion that starts and ends in one pose, at rest, over and over for `seconds`, sampled every `dt` s."""
     t = dt * np.arange(round(seconds / dt) + 1)
     phase = t % motion.t[-1]
-    q, v, a = (np.column_stack([np.interp(phase, motion.t, x) for x in getattr(motion, name).T]) for name in "qva")
+    q, v, a = (
+        np.column_stack([np.interp(phase, motion.t, x) for x in getattr(motion, name).T])
+        for name in "qva"
+    )
     return Motion(t, q, v, a)
 
 
@@ -77,12 +80,16 @@ def bench_run(
         imus: Links whose IMU is in the log.
         name: Name of the log.
     """
-    mover = tune(plant, bandwidth_hz=4.0, dt=Wish.dt).controller if controller is None else controller
+    mover = (
+        tune(plant, bandwidth_hz=4.0, dt=Wish.dt).controller if controller is None else controller
+    )
     dt = mover.dt
     rig = plant.rig
     generator, seed = make_generator(rng)
     if reference is None:
-        design = excite(rig, seconds=period, starts=starts, rng=generator, torque_model=plant, dt=dt)
+        design = excite(
+            rig, seconds=period, starts=starts, rng=generator, torque_model=plant, dt=dt
+        )
         reference = repeated(design.motion, seconds, dt)
     if len(reference.t) < 2:
         raise UsageError("reference", "has one sample", "give a motion of at least two")
@@ -90,12 +97,22 @@ def bench_run(
     notes: tuple[str, ...] = ()
     if not np.allclose(np.diff(reference.t), dt, rtol=1e-6):
         reference = interpolate_motion(reference, dt)
-        notes = (f"the reference, every {1e3 * given:.4g} ms, is interpolated to the controller's {1e3 * dt:.4g} ms",)
+        notes = (
+            f"the reference, every {1e3 * given:.4g} ms, is interpolated to the controller's {1e3 * dt:.4g} ms",
+        )
     sensors = replace(Sensors.of(rig, dt), imus=tuple(imus))
     if encoder_bits is not None:
         sensors = replace(sensors, encoder_step=np.full(rig.n, 2 * np.pi / 2**encoder_bits))
     log = simulate(
-        plant, mover, reference, rng=generator, sensors=sensors, delay=delay, drive=drive, platform=platform, name=name
+        plant,
+        mover,
+        reference,
+        rng=generator,
+        sensors=sensors,
+        delay=delay,
+        drive=drive,
+        platform=platform,
+        name=name,
     )
     tau = np.asarray(log.tau)
     noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * generator.standard_normal(tau.shape)
@@ -117,4 +134,6 @@ def changed(phi: Array, spread: float, rng: np.random.Generator) -> Array:
     """Return one body's parameters under a random congruence of its pseudo-inertia."""
     E = np.eye(4)
     E[:3, :3] += spread / 2 * rng.uniform(-1, 1, (3, 3))
-    return np.array(pin.PseudoInertia.FromMatrix(E @ pseudo_inertia(phi) @ E.T).toDynamicParameters())
+    return np.array(
+        pin.PseudoInertia.FromMatrix(E @ pseudo_inertia(phi) @ E.T).toDynamicParameters()
+    )

@@ -72,7 +72,10 @@ class Judgement(Record):
 
         def summarise(every: Mapping[str, Array], worst: Callable[..., Array]) -> dict[str, Any]:
             figures: dict[str, Callable[..., Array]] = {"median": np.median, "worst": worst}
-            return {n: {key: name_joints(of(x, axis=0)) for key, of in figures.items()} for n, x in every.items()}
+            return {
+                n: {key: name_joints(of(x, axis=0)) for key, of in figures.items()}
+                for n, x in every.items()
+            }
 
         own = {"errors": summarise(self.errors, np.max), "ratios": summarise(ratios, np.min)}
         return {"plants": self.plants, "resolved": name_joints(self.resolved), **own}
@@ -115,7 +118,9 @@ def judge_controllers(
     reference = plan_step(model, laws[0].dt, rest)
     errors = np.empty((len(laws), plants, rig.n))
     resolved = sense.encoder_step / np.sqrt(12)
-    for k in tqdm(range(plants), "judged on perturbed plants", unit="plant", disable=None, leave=False):
+    for k in tqdm(
+        range(plants), "judged on perturbed plants", unit="plant", disable=None, leave=False
+    ):
         plant = perturb_plant(model, reference, delay, generator)
         own = int(generator.integers(2**63))
         for law, rows in zip(laws, errors):
@@ -130,7 +135,9 @@ def assume_sensors(model: Model, dt: float) -> Sensors:
     known = model.estimated
     if known is None or not known.angle_noise:
         return sense
-    steps = np.where(sense.encoder_step > 0, sense.encoder_step, np.sqrt(12) * np.array(known.angle_noise))
+    steps = np.where(
+        sense.encoder_step > 0, sense.encoder_step, np.sqrt(12) * np.array(known.angle_noise)
+    )
     return replace(sense, encoder_step=steps)
 
 
@@ -141,7 +148,13 @@ def plan_step(model: Model, dt: float, rest: float) -> Motion:
 
 
 def measure_error(
-    plant: Model, law: Controller, reference: Motion, rest: float, sensors: Sensors, rng: Rng, delay: int = 0
+    plant: Model,
+    law: Controller,
+    reference: Motion,
+    rest: float,
+    sensors: Sensors,
+    rng: Rng,
+    delay: int = 0,
 ) -> Array:
     """Root mean square of reference less true angle from `rest` s on, rad, (n,); nan where the loop diverges."""
     witness = Witness(**vars(sensors))
@@ -163,7 +176,10 @@ def perturb_plant(model: Model, reference: Motion, delay: float, rng: np.random.
         plant = replace(model, estimated=None)
     elif estimate(model) is None:
         shares = 1 + 3 * STATED_ALPHA * rng.uniform(-1, 1, len(model.terms))
-        terms = [replace(t, values=tuple((x * np.array(t.values)).tolist())) for t, x in zip(model.terms, shares)]
+        terms = [
+            replace(t, values=tuple((x * np.array(t.values)).tolist()))
+            for t, x in zip(model.terms, shares)
+        ]
         plant = replace(model, rig=perturbed(rig, STATED_ALPHA, rng).rig, terms=tuple(terms))
     else:
         plant = draw_model(model, rng)
@@ -179,17 +195,24 @@ def perturb_plant(model: Model, reference: Motion, delay: float, rng: np.random.
     return replace(plant, terms=(*plant.terms, *rest), drive=(*plant.drive, *drive))
 
 
-def draw_standstill_friction(model: Model, rng: np.random.Generator, speed: float = 0.1) -> list[Term]:
+def draw_standstill_friction(
+    model: Model, rng: np.random.Generator, speed: float = 0.1
+) -> list[Term]:
     """Return dry friction that is up to 30 % more or less where joints hardly move: no row tells which way it acts.
 
     Of dry machines it is lost at .01 to .1 rad/s (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
     """
     dry = [term for term in model.terms if isinstance(term.effect, Coulomb)]
     shares = (3 * STATED_ALPHA * rng.uniform(-1, 1, len(dry))).tolist()
-    return [Term(Stribeck(one.effect.joint, speed, 1), (x * one.values[0],)) for one, x in zip(dry, shares)]
+    return [
+        Term(Stribeck(one.effect.joint, speed, 1), (x * one.values[0],))
+        for one, x in zip(dry, shares)
+    ]
 
 
-def draw_torque(joint: str, channels: Sequence[Array], rms: float, rng: np.random.Generator, knots: int = 7) -> Term:
+def draw_torque(
+    joint: str, channels: Sequence[Array], rms: float, rng: np.random.Generator, knots: int = 7
+) -> Term:
     """Return a torque of a size, N m rms, that is a function of the joint's angle or of its rate along a motion.
 
     Between two of its knots the variance is two thirds of theirs on average.
@@ -199,7 +222,9 @@ def draw_torque(joint: str, channels: Sequence[Array], rms: float, rng: np.rando
     high = float(channels[which].max())
     places = np.linspace(low - 0.1, high + 0.1, knots)
     values = abs(rms) * np.sqrt(1.5) * rng.standard_normal(knots)
-    return Term(TorqueTable(joint, ("angle", "rate")[which], tuple(places.tolist())), tuple(values.tolist()))
+    return Term(
+        TorqueTable(joint, ("angle", "rate")[which], tuple(places.tolist())), tuple(values.tolist())
+    )
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,13 @@ ROOM = 0.9
 
 
 def minimum_jerk(
-    start: Array, goal: Array, *, dt: float, move: float = 0.5, before: float = 0.1, after: float = 0.6
+    start: Array,
+    goal: Array,
+    *,
+    dt: float,
+    move: float = 0.5,
+    before: float = 0.1,
+    after: float = 0.6,
 ) -> Motion:
     """Rest, move, rest: ``q = start + (goal - start)(10 s³ - 15 s⁴ + 6 s⁵)``, s from 0 to 1 (Flash and Hogan 1985).
 
@@ -47,7 +53,11 @@ def minimum_jerk(
     """
     if not (dt > 0 and move > 0 and before >= 0 and after >= 0):
         what = f"has dt {dt:g} s, move {move:g} s, rests {before:g} and {after:g} s"
-        raise UsageError("minimum-jerk step", what, "give a positive interval and move, and rests of at least zero")
+        raise UsageError(
+            "minimum-jerk step",
+            what,
+            "give a positive interval and move, and rests of at least zero",
+        )
     t = dt * np.arange(round((before + move + after) / dt) + 1, dtype=np.float64)
     s = np.clip((t - before) / move, 0.0, 1.0)[:, None]
     distance: Array = np.asarray(goal, np.float64) - np.asarray(start, np.float64)
@@ -61,12 +71,21 @@ def shrink_steps(plant: Model, steps: Sequence[float], move: float) -> Array:
     """Return steps from home, rad, (n,), made smaller where limits (angle, rate, acceleration, torque) ask for it."""
     start = home(plant.rig)
     limits = plant.rig.limits
-    goal: Array = np.clip(start + np.array(steps), [x.lower for x in limits], [x.upper for x in limits]) - start
-    largest = [min(x.velocity * move / PEAK_RATE, x.acceleration * move**2 / PEAK_ACCELERATION) for x in limits]
+    goal: Array = (
+        np.clip(start + np.array(steps), [x.lower for x in limits], [x.upper for x in limits])
+        - start
+    )
+    largest = [
+        min(x.velocity * move / PEAK_RATE, x.acceleration * move**2 / PEAK_ACCELERATION)
+        for x in limits
+    ]
     goal = np.clip(goal, -np.array(largest), largest)
     for _ in range(40):
         reference = minimum_jerk(start, start + goal, dt=move / 50, move=move)
-        share = np.abs(plant.inverse(reference.q, reference.v, reference.a)).max(axis=0) / plant.rig.tau_max
+        share = (
+            np.abs(plant.inverse(reference.q, reference.v, reference.a)).max(axis=0)
+            / plant.rig.tau_max
+        )
         if (share <= ROOM).all():
             break
         goal = np.where(share > ROOM, 0.9 * goal, goal)
@@ -89,7 +108,9 @@ def tour(plant: Model, dt: float, size: float = 0.5, move: float = 1.2) -> Motio
     goals = [start, *(start + side for side in sides), start]
     legs = [minimum_jerk(a, b, dt=dt, move=move, before=0.2, after=0.2) for a, b in pairwise(goals)]
     parts = [
-        np.concatenate([getattr(leg, name)[: -1 if k < len(legs) - 1 else None] for k, leg in enumerate(legs)])
+        np.concatenate(
+            [getattr(leg, name)[: -1 if k < len(legs) - 1 else None] for k, leg in enumerate(legs)]
+        )
         for name in "qva"
     ]
     return Motion(dt * np.arange(len(parts[0])), *parts)
@@ -105,7 +126,11 @@ SETTLED_BAND = 0.02
 
 def scale_steps(plant: Model, angles_deg: Sequence[float] = STEPS_DEG, move: float = 0.5) -> Array:
     """Return steps of so many degrees, cycled over the joints, rad, (n,), made smaller where limits ask for it."""
-    return shrink_steps(plant, [float(np.deg2rad(angles_deg[j % len(angles_deg)])) for j in range(plant.rig.n)], move)
+    return shrink_steps(
+        plant,
+        [float(np.deg2rad(angles_deg[j % len(angles_deg)])) for j in range(plant.rig.n)],
+        move,
+    )
 
 
 @dataclass(frozen=True)
@@ -256,24 +281,36 @@ def track(
     """
     rig = plant.rig
     if seconds < BEFORE + move:
-        raise UsageError("seconds", f"is {seconds:g}, shorter than the step", f"give at least {BEFORE + 2 * move:g}")
+        raise UsageError(
+            "seconds",
+            f"is {seconds:g}, shorter than the step",
+            f"give at least {BEFORE + 2 * move:g}",
+        )
     steps = scale_steps(plant, angles_deg, move)
     single = [(joint, steps * (np.arange(rig.n) == j)) for j, joint in enumerate(rig.joints)]
     plan = [("all-axes", steps), *(single if one_by_one and rig.n > 1 else [])]
     generator, seed = make_generator(rng)
     seeds = generator.integers(2**63, size=len(plan))
 
-    def run(name: str, goal: Array, start_of_noise: int, label: str, controller: Controller) -> Experiment:
+    def run(
+        name: str, goal: Array, start_of_noise: int, label: str, controller: Controller
+    ) -> Experiment:
         start = home(rig)
         after = seconds - BEFORE - move
-        reference = minimum_jerk(start, start + goal, dt=controller.dt, move=move, before=BEFORE, after=after)
+        reference = minimum_jerk(
+            start, start + goal, dt=controller.dt, move=move, before=BEFORE, after=after
+        )
         witness = Witness(**vars(sensors or Sensors.of(rig, controller.dt)))
         own = np.random.default_rng(start_of_noise)
         title = f"{name}, {label}"
-        log = simulate(plant, controller, reference, rng=own, sensors=witness, delay=delay, name=title)
+        log = simulate(
+            plant, controller, reference, rng=own, sensors=witness, delay=delay, name=title
+        )
         q = np.array(witness.seen)
         shares = compute_limit_shares(rig.joints, np.asarray(log.tau), rig.tau_max).values()
-        rows = [metrics(reference.t, *own) for own in zip(reference.q.T, q.T, goal.tolist(), shares)]
+        rows = [
+            metrics(reference.t, *own) for own in zip(reference.q.T, q.T, goal.tolist(), shares)
+        ]
         still = [row.peak_error for row, distance in zip(rows, goal) if distance == 0]
         return Experiment(name, label, dict(zip(rig.joints, rows)), max(still, default=nan), q, log)
 
@@ -285,13 +322,17 @@ def track(
     return Tracking(rig, dict(zip(rig.joints, steps.tolist())), tuple(experiments), seed)
 
 
-def metrics(t: Array, wanted: Array, angle: Array, distance: float, saturated: float) -> StepMetrics:
+def metrics(
+    t: Array, wanted: Array, angle: Array, distance: float, saturated: float
+) -> StepMetrics:
     """Return one joint's metrics from its reference and angle, rad, (N,), and its step, rad."""
     error = wanted - angle
     rise = overshoot = settling = nan
     if distance:
         share = (angle - wanted[0]) / distance
-        low, high = (float(t[np.argmax(share >= x)]) if (share >= x).any() else nan for x in (0.1, 0.9))
+        low, high = (
+            float(t[np.argmax(share >= x)]) if (share >= x).any() else nan for x in (0.1, 0.9)
+        )
         rise = high - low
         overshoot = 100 * max(0.0, float(share.max()) - 1)
         outside = np.flatnonzero(np.abs(share - 1) > SETTLED_BAND)

@@ -13,10 +13,26 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gimbal_pin.control.drive_gains import DriveGains, convert_gains
-from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, ModelErrorBounds, Pid, Robust, bounds
+from gimbal_pin.control.laws import (
+    ComputedTorque,
+    JointPid,
+    Margins,
+    ModelErrorBounds,
+    Pid,
+    Robust,
+    bounds,
+)
 from gimbal_pin.control.laws.chart import LoopCurves, compute_loop_curves
 from gimbal_pin.control.laws.computed_torque import CompensatedPid, lyapunov
-from gimbal_pin.control.laws.design import Wish, braking, granted, layered, lowered, seen_inertia, small_error_gains
+from gimbal_pin.control.laws.design import (
+    Wish,
+    braking,
+    granted,
+    layered,
+    lowered,
+    seen_inertia,
+    small_error_gains,
+)
 from gimbal_pin.control.laws.reasons import (
     UNSEEN,
     GainReason,
@@ -116,7 +132,15 @@ class Tuning(Record):
             for joint, pid, hz, found in rows
         )
         warned = (f"warning: {said}" for said in self.warnings)
-        return "\n".join([f"{self.wish.kind} for {rig.name}", *warned, *each, *self.doubts, *map(str, self.reasons)])
+        return "\n".join(
+            [
+                f"{self.wish.kind} for {rig.name}",
+                *warned,
+                *each,
+                *self.doubts,
+                *map(str, self.reasons),
+            ]
+        )
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -137,7 +161,9 @@ class Tuning(Record):
         loops = small_error_gains(self.gains, self.robust)
         wish = self.wish
         model = self.model
-        return compute_loop_curves(model.rig.joints, loops, self.worst, wish.dt, wish.delay, model.drives, self.ratios)
+        return compute_loop_curves(
+            model.rig.joints, loops, self.worst, wish.dt, wish.delay, model.drives, self.ratios
+        )
 
     def save(self, path: str | Path) -> None:
         """Write it as ``gimbal-pin tune -o`` does: `read_controller`, ``track`` and ``export`` take the file."""
@@ -154,7 +180,15 @@ class Tuning(Record):
         wish = self.wish
         law = self.robust
         rows = zip(
-            *(rig.joints, self.gains, self.margins, self.worst, self.bandwidth_hz, self.inertia, self.braking),
+            *(
+                rig.joints,
+                self.gains,
+                self.margins,
+                self.worst,
+                self.bandwidth_hz,
+                self.inertia,
+                self.braking,
+            ),
             self.drive_gains,
         )
         wanted = wish.bandwidth_hz
@@ -167,14 +201,24 @@ class Tuning(Record):
             "joints": {
                 joint: {
                     **pid._asdict(),
-                    **finite({**asdict(found), "bandwidth_hz": hz, "inertia": moment, "braking": deceleration}),
+                    **finite(
+                        {
+                            **asdict(found),
+                            "bandwidth_hz": hz,
+                            "inertia": moment,
+                            "braking": deceleration,
+                        }
+                    ),
                     "worst_of_draws": finite(asdict(least)) if self.draws else None,
                     "drive": {name: one and one._asdict() for name, one in vars(drive).items()},
                 }
                 for joint, pid, found, least, hz, moment, deceleration, drive in rows
             },
             "draws": self.draws,
-            "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},
+            "wish": {
+                **vars(wish),
+                "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted,
+            },
             "robust": None if law is None else law.to_dict(),
             "warnings": list(self.warnings),
             "reasons": list(map(str, self.reasons)),
@@ -222,7 +266,9 @@ class TuningBasis:
     @cached_property
     def bounds(self) -> ModelErrorBounds | None:
         """How far the model may be off; None for a PID, which does without."""
-        return bounds(self.model, np.random.default_rng(0)) if self.kind == "computed-torque" else None
+        return (
+            bounds(self.model, np.random.default_rng(0)) if self.kind == "computed-torque" else None
+        )
 
     @cached_property
     def braking(self) -> tuple[float, ...]:
@@ -299,21 +345,42 @@ def tune(
     gains = tuple(wish.gains(hz) for hz in hertz)
     known = basis.bounds
     law = layered(gains, known, wish, kept, drives) if robust and known is not None else None
-    found, least = (tuple(map(wish.margins, small_error_gains(gains, law), of, drives)) for of in (believed, ratios))
+    found, least = (
+        tuple(map(wish.margins, small_error_gains(gains, law), of, drives))
+        for of in (believed, ratios)
+    )
     reasons = [] if dt else [about_sampling(wish, logged)]
     reasons += about_delay(model, wish) if delay is None else []
     reasons += about_loops(model, wish, hertz, found, least if over is not None else None)
     if known is None:
         inertias = [rig.in_units(joint, "kg m²") for joint in rig.joints]
-        reasons += group_reasons(rig.joints, [about_inertia(*row) for row in zip(nominal, believed, inertias)])
+        reasons += group_reasons(
+            rig.joints, [about_inertia(*row) for row in zip(nominal, believed, inertias)]
+        )
     else:
         reasons += [about_model(known, rig.force)] + ([about_layer(law)] if robust else [])
     draws = 0 if over is None else DRAWN_MODELS
     brakes = basis.braking
     unsure = () if over is None else doubts(model.rig.joints, over, least)
-    unseen = group_reasons([one.joint for one in model.doubts if one.unsafe], [UNSEEN] * len(model.doubts))
+    unseen = group_reasons(
+        [one.joint for one in model.doubts if one.unsafe], [UNSEEN] * len(model.doubts)
+    )
     unsure += tuple(map(str, unseen))
-    return Tuning(model, wish, hertz, gains, nominal, brakes, found, least, draws, ratios, law, tuple(reasons), unsure)
+    return Tuning(
+        model,
+        wish,
+        hertz,
+        gains,
+        nominal,
+        brakes,
+        found,
+        least,
+        draws,
+        ratios,
+        law,
+        tuple(reasons),
+        unsure,
+    )
 
 
 def law_of(
@@ -326,7 +393,9 @@ def law_of(
 ) -> TunedLaw:
     """Return the control law of a kind."""
     if wish.kind == "pid":
-        return JointPid(gains, inertia, tuple(model.tau_max.tolist()), wish.dt, brakes, model.rig.continuous)
+        return JointPid(
+            gains, inertia, tuple(model.tau_max.tolist()), wish.dt, brakes, model.rig.continuous
+        )
     lead = wish.delay + wish.dt / 2
     return ComputedTorque(model, gains, wish.dt, lead=lead, braking=brakes, robust=robust)
 
@@ -348,13 +417,17 @@ def pair_rivals(tuned: StoredController) -> dict[str, TunedLaw]:
     rival = TuningBasis(model, "pid")
     loops = small_error_gains(law.gains, law.robust if isinstance(law, ComputedTorque) else None)
     gains = []
-    for pid, loop, known, ratios, drive in zip(law.gains, loops, own.ratios, rival.ratios, model.drives):
+    for pid, loop, known, ratios, drive in zip(
+        law.gains, loops, own.ratios, rival.ratios, model.drives
+    ):
         disk = min(max(wish.smallest(loop, known, drive), 0.01), 1.99)
         hz = lowered(inf, replace(wish, disk_margin=disk, robust=False), ratios, drive)
         gains.append(pid if hz is None else wish.gains(hz))
     moments = tuple((np.array(rival.inertia[0]) - model.armature).tolist())
     lead = wish.delay + wish.dt / 2
-    pid_law = CompensatedPid(model, tuple(gains), wish.dt, lead=lead, braking=rival.braking, inertia=moments)
+    pid_law = CompensatedPid(
+        model, tuple(gains), wish.dt, lead=lead, braking=rival.braking, inertia=moments
+    )
     return {wish.kind: law, RIVAL: pid_law}
 
 
@@ -421,12 +494,16 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
             close is unstable even with an exact model.
     """
     if not isinstance(data, dict) or data.get("wish") is None:
-        raise ModelError(place, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE")
+        raise ModelError(
+            place, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE"
+        )
     with prefix_place(place, ModelError):
         filed = read_record(Filed, data, place, ModelError, others=True)
         if set(filed.joints) != set(rig.joints):
             what = f"is for the joints {', '.join(filed.joints)}"
-            raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: tune for it")
+            raise ModelError(
+                place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: tune for it"
+            )
         check_origin(data, rig, place)
         wish = filed.wish
         if filed.controller != wish.kind:
@@ -434,7 +511,9 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
             raise ModelError(f"{place}: controller", what, "write it with 'gimbal-pin tune'")
         wish.per_joint(rig)
         rows = [
-            read_record(StoredJoint, filed.joints[j], f"{place}: joints.{j}", ModelError, others=True)
+            read_record(
+                StoredJoint, filed.joints[j], f"{place}: joints.{j}", ModelError, others=True
+            )
             for j in rig.joints
         ]
         gains = tuple(Pid(row.kp, row.ki, row.kd) for row in rows)
@@ -447,8 +526,14 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
         brakes = tuple(inf if row.braking is None else row.braking for row in rows)
         model = read_model_data(filed.model, rig, f"{place}: model")
         if "covariance" in filed.model:
-            model = replace(model, estimated=read_known_parameters(filed.model, f"{place}: model", rig.n))
-        robust = None if filed.robust is None else read_robust_term(filed.robust, gains, f"{place}: robust")
+            model = replace(
+                model, estimated=read_known_parameters(filed.model, f"{place}: model", rig.n)
+            )
+        robust = (
+            None
+            if filed.robust is None
+            else read_robust_term(filed.robust, gains, f"{place}: robust")
+        )
         law = law_of(wish, model, gains, inertia, brakes, robust)
         granted_hz = {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)}
         return StoredController(law, model, wish, granted_hz, data.get("payload", rig.payload))
@@ -462,7 +547,11 @@ def read_controller(path: str | Path, rig: Rig) -> StoredController:
 def read_robust_term(data: Any, gains: tuple[Pid, ...], place: str) -> Robust:
     """Return the robust term that `Robust.to_dict` wrote, for loops of these gains; `place` names it in errors."""
     layer = read_record(Layer, data, place, ModelError, others=True)
-    return Robust(lyapunov(gains), ModelErrorBounds(layer.alpha, layer.phi, layer.inverse, layer.source), layer.gain)
+    return Robust(
+        lyapunov(gains),
+        ModelErrorBounds(layer.alpha, layer.phi, layer.inverse, layer.source),
+        layer.gain,
+    )
 
 
 def finite(values: Mapping[str, float]) -> dict[str, float | None]:

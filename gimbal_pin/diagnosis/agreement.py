@@ -30,7 +30,9 @@ _EXPLAINED_EXCESS = 0.5
 """The same where logs differed before any cause was found: causes must explain it, not only make it smaller."""
 
 
-def find_disagreement(rig: Rig, logs: Sequence[Log], filtering: Filtering, causes: Sequence[Cause]) -> Fault | None:
+def find_disagreement(
+    rig: Rig, logs: Sequence[Log], filtering: Filtering, causes: Sequence[Cause]
+) -> Fault | None:
     """Compare the logs' parameters: each on its own is as good as its sensors, together they are not.
 
     Args:
@@ -51,19 +53,27 @@ def find_disagreement(rig: Rig, logs: Sequence[Log], filtering: Filtering, cause
     if len(states) < 2:
         return None
     excess, share, _ = _compare_logs(states.values())
-    limit = np.where(np.any((excess > _EXCESS) & (share > MATERIAL_SHARE), axis=0), _EXPLAINED_EXCESS, _EXCESS)
-    excess, share, torque = _compare_logs([solve_causes(one.problem, causes, one) for one in states.values()])
+    limit = np.where(
+        np.any((excess > _EXCESS) & (share > MATERIAL_SHARE), axis=0), _EXPLAINED_EXCESS, _EXCESS
+    )
+    excess, share, torque = _compare_logs(
+        [solve_causes(one.problem, causes, one) for one in states.values()]
+    )
     excess = np.where((excess > limit) & (share > MATERIAL_SHARE), excess, 0.0)
     k, j = (int(x) for x in np.unravel_index(np.argmax(excess), excess.shape))
     if not excess[k, j] > 0:
         return None
-    figures = tuple(Parameter(f"log {name}", float(moved), "N m") for name, moved in zip(states, torque[:, j]))
+    figures = tuple(
+        Parameter(f"log {name}", float(moved), "N m") for name, moved in zip(states, torque[:, j])
+    )
     sentence = (
         f"the logs are not of one rig: what fits each of them apart differs by {digits(torque[k, j], 2)} N m rms at "
         f"{rig.joints[j]} in log {[*states][k]}, {digits(excess[k, j], 2)} times what the fits leave"
     )
     mend = "diagnose them one at a time; 'identify' takes several payloads together: LOG@PAYLOAD"
-    return Fault("logs-disagree", rig.joints[j], sentence, figures, float(excess[k, j]), True, mend).in_units(rig)
+    return Fault(
+        "logs-disagree", rig.joints[j], sentence, figures, float(excess[k, j]), True, mend
+    ).in_units(rig)
 
 
 def _compare_logs(states: Collection[State]) -> tuple[Array, Array, Array]:
@@ -90,7 +100,8 @@ def _compare_logs(states: Collection[State]) -> tuple[Array, Array, Array]:
         fit = state.fit
         n = len(state.fit.scale)
         powers = (
-            np.mean((x.reshape(-1, n) / fit.scale) ** 2, axis=0) for x in (y - X @ common, fit.residual, fit.target)
+            np.mean((x.reshape(-1, n) / fit.scale) ** 2, axis=0)
+            for x in (y - X @ common, fit.residual, fit.target)
         )
         moved, left, whole = (np.maximum(np.sqrt(power), 1e-300) for power in powers)
         level = np.sqrt(np.mean(np.concatenate(state.problem.evidence.torque) ** 2, axis=0))

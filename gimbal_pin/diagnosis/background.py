@@ -90,7 +90,9 @@ def find_table(state: State, joint: int) -> TorqueTable | None:
         table = spread_knots(state, joint, over)
         columns = fit.weighted(state.columns(table).own, joint)
         smooth = (np.hstack([stack, columns @ correlate_knots(table, steps)]) for steps in LENGTHS)
-        error[table] = min(float(x @ x) for x in (unseen(stack[:, :0], one, residual, block) for one in smooth))
+        error[table] = min(
+            float(x @ x) for x in (unseen(stack[:, :0], one, residual, block) for one in smooth)
+        )
     best = min(error, key=error.__getitem__)
     return best if error[best] < (1 - STRUCTURED) * float(residual @ residual) else None
 
@@ -99,11 +101,21 @@ def spread_knots(state: State, joint: int, over: Over) -> TorqueTable:
     """Return a table over what a joint has visited, or over a turn, where it makes more than one."""
     parts = state.problem.evidence.parts
     place = state.problem.evidence.rig.joints[joint]
-    every = state.torque if over == "load" else [getattr(part.channels, "qv"[over == "rate"]) for part in parts]
-    x = np.concatenate([values[part.gate[:, joint] > 0.5, joint] for values, part in zip(every, parts)])
+    every = (
+        state.torque
+        if over == "load"
+        else [getattr(part.channels, "qv"[over == "rate"]) for part in parts]
+    )
+    x = np.concatenate(
+        [values[part.gate[:, joint] > 0.5, joint] for values, part in zip(every, parts)]
+    )
     if over == "angle" and np.ptp(x) > 2 * pi:
-        return TorqueTable(place, over, tuple(np.linspace(0.0, 2 * pi, TABLE_KNOTS, endpoint=False).tolist()), True)
-    return TorqueTable(place, over, tuple(np.linspace(x.min(), x.max(), TABLE_KNOTS + 2)[1:-1].tolist()))
+        return TorqueTable(
+            place, over, tuple(np.linspace(0.0, 2 * pi, TABLE_KNOTS, endpoint=False).tolist()), True
+        )
+    return TorqueTable(
+        place, over, tuple(np.linspace(x.min(), x.max(), TABLE_KNOTS + 2)[1:-1].tolist())
+    )
 
 
 def correlate_knots(table: TorqueTable, steps: float) -> Array:
@@ -145,8 +157,19 @@ def add_table(state: State, table: TorqueTable) -> State:
         power = np.maximum(power, 0.0)
         turned = axes.T @ (L.T @ along)
         for spread in np.geomspace(1e-4, 1e4, 33) / max(float(power.mean()), 1e-300):
-            rest = max(float(left @ left - np.sum(turned**2 * spread / (1 + spread * power))), 1e-300)
-            found.append((count * np.log(rest) + np.sum(np.log1p(spread * power)), rest, spread, L, power, axes))
+            rest = max(
+                float(left @ left - np.sum(turned**2 * spread / (1 + spread * power))), 1e-300
+            )
+            found.append(
+                (
+                    count * np.log(rest) + np.sum(np.log1p(spread * power)),
+                    rest,
+                    spread,
+                    L,
+                    power,
+                    axes,
+                )
+            )
     _, rest, spread, L, power, axes = min(found, key=lambda one: float(one[0]))
     known = L @ (axes / (1 / spread + power)) @ axes.T @ L.T
     values = known @ along

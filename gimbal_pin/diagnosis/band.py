@@ -18,7 +18,14 @@ from scipy.signal import welch
 from gimbal_pin.diagnosis.evidence import TAPER, Evidence, LogStretch
 from gimbal_pin.log.limited import MOSTLY, compute_share_near_limit
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, Flags, build_mask, compute_settling_time, dilate_flags, limit_cutoff
+from gimbal_pin.regression import (
+    Filtering,
+    Flags,
+    build_mask,
+    compute_settling_time,
+    dilate_flags,
+    limit_cutoff,
+)
 from gimbal_pin.rig.rig import Rig
 
 DIAGNOSIS_BAND = Filtering(cutoff=12.0, smoothing=2.5)
@@ -57,7 +64,9 @@ def choose_band(rig: Rig, logs: Sequence[Log]) -> Filtering:
                 log.tau, 1 / log.dt, nperseg=min(len(log), round(SPECTRUM_SEGMENT / log.dt)), axis=0
             )
             free = compute_share_near_limit(log.tau, rig.tau_max) < MOSTLY
-            while 2 * cutoff <= WIDEST_BAND / log.dt and has_lines_beyond(frequency, power[:, free], cutoff):
+            while 2 * cutoff <= WIDEST_BAND / log.dt and has_lines_beyond(
+                frequency, power[:, free], cutoff
+            ):
                 cutoff *= 2
     return replace(band, cutoff=cutoff)
 

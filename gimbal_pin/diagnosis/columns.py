@@ -10,7 +10,12 @@ import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Evidence, LogStretch, select_poses
 from gimbal_pin.dynamics.reduction import Reduction
-from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_regressor, compute_regressor, compute_rnea
+from gimbal_pin.dynamics.regressor import (
+    compute_coupling,
+    compute_inertia_regressor,
+    compute_regressor,
+    compute_rnea,
+)
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.signal import JointLoad
@@ -59,7 +64,9 @@ class Columns:
 
     def at(self, joint: int) -> Columns:
         """What of them acts at one joint."""
-        return self if self.joint is not None else replace(self, joint=joint, own=self.own[:, joint])
+        return (
+            self if self.joint is not None else replace(self, joint=joint, own=self.own[:, joint])
+        )
 
     @property
     def values(self) -> Array:
@@ -106,13 +113,21 @@ class RigidColumns:
     def masses(self) -> list[list[Array]]:
         """Columns of what a unit acceleration of each joint asks of all joints, (m, n, b) per part."""
         every = range(self.rig.n)
-        return [[compute_inertia_regressor(self.rig, c.q, j, self.places) for c in self.channels] for j in every]
+        return [
+            [compute_inertia_regressor(self.rig, c.q, j, self.places) for c in self.channels]
+            for j in every
+        ]
 
     @cached_property
     def resting(self) -> list[Array]:
         """Columns of each joint's torque while that joint does not accelerate, (m, n, b) per part."""
-        own = (np.stack([mass[:, j] for j, mass in enumerate(each)], axis=1) for each in zip(*self.masses))
-        return [full - c.a[:, :, None] * mass for full, c, mass in zip(self.full, self.channels, own)]
+        own = (
+            np.stack([mass[:, j] for j, mass in enumerate(each)], axis=1)
+            for each in zip(*self.masses)
+        )
+        return [
+            full - c.a[:, :, None] * mass for full, c, mass in zip(self.full, self.channels, own)
+        ]
 
     @cached_property
     def felt(self) -> Flags:
@@ -147,19 +162,27 @@ class RigidColumns:
 def compute_plain_columns(evidence: Evidence, effect: Effect, load: Load) -> list[Array]:
     """Columns of a torque effect at its joint as they are, (m, c) per part."""
     j = evidence.rig.joint_index(effect.joint)
-    samples = [sample._replace(tau=tau[:, j]) for sample, tau in zip(evidence.samples[j], load.torque)]
+    samples = [
+        sample._replace(tau=tau[:, j]) for sample, tau in zip(evidence.samples[j], load.torque)
+    ]
     if effect.weighed:
         rows = zip(samples, load.borne, load.weight)
-        samples = [sample._replace(tau=tau[:, j], weight=weight[:, j]) for sample, tau, weight in rows]
+        samples = [
+            sample._replace(tau=tau[:, j], weight=weight[:, j]) for sample, tau, weight in rows
+        ]
     # Side by side in memory: quicker to whiten.
-    return [np.stack([np.broadcast_to(x, np.shape(at.t)) for x in effect.basis(at)]).T for at in samples]
+    return [
+        np.stack([np.broadcast_to(x, np.shape(at.t)) for x in effect.basis(at)]).T for at in samples
+    ]
 
 
 Bearing = Sequence[JointLoad]
 """What a joint bears along each part."""
 
 
-def compute_lost_torque(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> Array:
+def compute_lost_torque(
+    evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None
+) -> Array:
     """``x - acting(x)``: what a drive takes from the torques, whitened, (rows,), or (rows, n) where it pushes others.
 
     It stands beside the model's columns.
@@ -190,7 +213,9 @@ class Stand:
     def torque(self, evidence: Evidence) -> list[Array]:
         """Torque that it asks for along some logs, N m, (m, n) per part; worked out once."""
         if evidence not in self.torques:
-            self.torques[evidence] = [self.asked(part, part.channels.v, part.channels.a) for part in evidence.parts]
+            self.torques[evidence] = [
+                self.asked(part, part.channels.v, part.channels.a) for part in evidence.parts
+            ]
         return self.torques[evidence]
 
     def weight(self, part: LogStretch) -> Array:
@@ -235,7 +260,9 @@ class Load:
 def compute_turned_torque(evidence: Evidence, cause: RigEffect, stand: Stand, size: float) -> Array:
     """``(rnea(changed rig) - rnea(rig)) / size``: torque per unit of a small change of the rig, whitened, (rows, n)."""
     other = Stand(stand.rig, (*stand.changes, cause))
-    return evidence.whiten_all([(x - y) / size for x, y in zip(other.torque(evidence), stand.torque(evidence))])
+    return evidence.whiten_all(
+        [(x - y) / size for x, y in zip(other.torque(evidence), stand.torque(evidence))]
+    )
 
 
 def build_columns(
@@ -264,7 +291,9 @@ def build_columns(
         own = np.zeros((evidence.rows, 1))
         bounds = [(-np.inf, np.inf)]
     elif isinstance(cause, Effect):
-        own = evidence.whiten(compute_plain_columns(evidence, cause, load), evidence.rig.joint_index(cause.joint))
+        own = evidence.whiten(
+            compute_plain_columns(evidence, cause, load), evidence.rig.joint_index(cause.joint)
+        )
         bounds = [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
         own = compute_lost_torque(evidence, cause, acting, bearing)[..., None]

@@ -46,7 +46,11 @@ class _Shown(NamedTuple):
 
 
 def add_sensor_findings(
-    said: Diagnosis, checked: Sequence[CheckedLog], train: Sequence[Log], test: Sequence[Log], filtering: Filtering
+    said: Diagnosis,
+    checked: Sequence[CheckedLog],
+    train: Sequence[Log],
+    test: Sequence[Log],
+    filtering: Filtering,
 ) -> Diagnosis:
     """Put what sensors show, and the model has, beside what was found, where the fit without it is worse.
 
@@ -76,11 +80,20 @@ def _list_platform_motion(said: Diagnosis, logs: Sequence[Log]) -> list[_Shown]:
     reduction = said.state.problem.reduction
     if reduction.base == "fixed":
         return []
-    moves = [Platform.measured(log.t, log.imus[rig.base], log.name) for log in logs if rig.base in log.imus]
+    moves = [
+        Platform.measured(log.t, log.imus[rig.base], log.name)
+        for log in logs
+        if rig.base in log.imus
+    ]
     w, f = (np.concatenate([getattr(move, name) for move in moves]) for name in "wf")
-    rate, force = (float(np.sqrt(np.mean(np.sum(x**2, axis=1)))) for x in (w, f - np.array([0.0, 0.0, GRAVITY])))
+    rate, force = (
+        float(np.sqrt(np.mean(np.sum(x**2, axis=1))))
+        for x in (w, f - np.array([0.0, 0.0, GRAVITY]))
+    )
     felt = f" and feels {force:.3g} m/s² beside its weight" if force > LEANS else ""
-    sentence = f"rig: platform-motion, the platform turns at {rate:.3g} rad/s{felt} (rms, by its IMU)"
+    sentence = (
+        f"rig: platform-motion, the platform turns at {rate:.3g} rad/s{felt} (rms, by its IMU)"
+    )
     sentence += ", and the model has that"
 
     def strip(log: Log) -> Log:
@@ -121,11 +134,15 @@ def _weigh(
     other = gather_for_judgement(rig, test, filtering, wholes) if test else evidence
     evidence = _match(evidence, found.problem.evidence)
     without = _match(other, held)
-    problem = replace(Problem.of(evidence, reduce_parameters(rig, base=base)), luck=found.problem.luck)
+    problem = replace(
+        Problem.of(evidence, reduce_parameters(rig, base=base)), luck=found.problem.luck
+    )
     plain = solve_causes(problem, ())
     state = fitted(problem, found.causes, plain)
     pairs = (without, plain), (without, state), (held, found)
-    nothing, before, after = (measure_errors(rows, build_extended_model(one)) for rows, one in pairs)
+    nothing, before, after = (
+        measure_errors(rows, build_extended_model(one)) for rows, one in pairs
+    )
     error = before["torque_rmse"]
     least = after["torque_rmse"]
     joint = max(rig.joints, key=lambda joint: error[joint] / max(least[joint], 1e-300))
@@ -150,5 +167,7 @@ def _match(evidence: Evidence, known: Evidence) -> Evidence:
     """Return the same stretches of logs, gated, timed and whitened as they are known."""
     late = np.broadcast_to(known.parts[0].late, (known.rig.n,))
     pairs = zip(evidence.parts, known.parts, strict=True)
-    parts = [part._replace(gate=as_.gate, whitener=as_.whitener).retimed(late) for part, as_ in pairs]
+    parts = [
+        part._replace(gate=as_.gate, whitener=as_.whitener).retimed(late) for part, as_ in pairs
+    ]
     return replace(evidence, parts=tuple(parts))

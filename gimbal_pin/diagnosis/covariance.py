@@ -31,8 +31,14 @@ def _fit_joint_misfit(state: State, joint: int) -> tuple[Array, Array, Misfit]:
     ends = np.cumsum([len(part.q) for part in parts])[:-1]
     X = evidence.whiten(np.split(build_discrepancy_columns(q, v), ends), joint)
     A = fit.stack[rows]
-    X /= max(float(np.sqrt(np.mean(X**2))), 1e-300)  # `fit_misfit` knows columns of about unit size, as cosines are
-    return A, X, fit_misfit(A[:, A.any(axis=0)], X, fit.target[rows], float(evidence.used[joint]) * len(X))
+    X /= max(
+        float(np.sqrt(np.mean(X**2))), 1e-300
+    )  # `fit_misfit` knows columns of about unit size, as cosines are
+    return (
+        A,
+        X,
+        fit_misfit(A[:, A.any(axis=0)], X, fit.target[rows], float(evidence.used[joint]) * len(X)),
+    )
 
 
 def compute_fit_covariance(state: State) -> tuple[Array, Array]:
@@ -54,7 +60,9 @@ def compute_fit_covariance(state: State) -> tuple[Array, Array]:
         slid = P @ D.T @ project(fit, X * np.sqrt(one.variance) / fit.scale[j], j)
         late = late + slid @ slid.T
     slopes = [fit.stack[fit.rows(j)].T @ fit.weighted(whiten_slope(state, j), j) for j in joints]
-    root = np.hstack([*misfit, fit.information @ np.stack(slopes, axis=1) @ np.linalg.cholesky(late)])
+    root = np.hstack(
+        [*misfit, fit.information @ np.stack(slopes, axis=1) @ np.linalg.cholesky(late)]
+    )
     return fit.covariance * count / max(count - 1, 1) + root @ root.T, late
 
 
@@ -64,4 +72,7 @@ def widen_estimates(model: Model, state: State) -> Model:
     (covariance, late) = compute_fit_covariance(state)
     kept = find_estimated(state)
     std = tuple(np.sqrt(np.diag(late)).tolist())
-    return replace(model, estimated=replace(model.estimated, covariance=covariance[np.ix_(kept, kept)], lag_std=std))
+    return replace(
+        model,
+        estimated=replace(model.estimated, covariance=covariance[np.ix_(kept, kept)], lag_std=std),
+    )

@@ -112,7 +112,10 @@ class LogStretch(NamedTuple):
 
     def transform(self, signal: Array, joint: int) -> Array:
         """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: its spectrum, (f,) or (k, f)."""
-        return fft.rfft(signal.T * self.gate[:, joint])[..., : self.whitener.shape[1]] * self.whitener[joint]
+        return (
+            fft.rfft(signal.T * self.gate[:, joint])[..., : self.whitener.shape[1]]
+            * self.whitener[joint]
+        )
 
     def acted(self, signal: Signal, torque: Array, joint: int, borne: JointLoad | None) -> Array:
         """Torque that acts, N m, (m,), where a signal is given one at a joint, N m, (m,).
@@ -120,10 +123,18 @@ class LogStretch(NamedTuple):
         What jumps with the command does so at each sample of the log: a torque that crosses the edge from one sample to
         the next lies far from it once it is smoothed, and what a gap passes on hangs on when its sign changed.
         """
-        if signal.abrupt and self.logged is not None and np.array_equal(torque, self.channels.tau[:, joint]):
+        if (
+            signal.abrupt
+            and self.logged is not None
+            and np.array_equal(torque, self.channels.tau[:, joint])
+        ):
             command = self.logged.tau[:, joint]
-            loss = self.logged.smoothed(command - signal.acting(command, self.dt / self.logged.step))
-            return torque - shift_in_time(loss, np.broadcast_to(self.late, self.gate.shape[1:])[joint], self.dt)
+            loss = self.logged.smoothed(
+                command - signal.acting(command, self.dt / self.logged.step)
+            )
+            return torque - shift_in_time(
+                loss, np.broadcast_to(self.late, self.gate.shape[1:])[joint], self.dt
+            )
         return signal.along(torque, self.dt, borne)
 
     def lost(self, signal: Signal, torque: Array, joint: int, borne: JointLoad | None) -> Array:
@@ -197,7 +208,9 @@ class Evidence:
 
     def whiten(self, torques: Sequence[Array], joint: int) -> Array:
         """Whiten a torque at one joint, one array per part: (rows,) or (rows, k)."""
-        return np.concatenate([part.whiten(torque, joint) for part, torque in zip(self.parts, torques)])
+        return np.concatenate(
+            [part.whiten(torque, joint) for part, torque in zip(self.parts, torques)]
+        )
 
     def rewhiten(self, rows: Array, before: Evidence, joint: int | None) -> Array:
         """Return rows of the same logs as another evidence whitens them, (rows, ...), as this one does.
@@ -221,7 +234,9 @@ class Evidence:
 
     def whiten_all(self, torques: Sequence[Array]) -> Array:
         """Whiten torques of all joints, (m, n) or (m, n, k) per part: (rows, n) or (rows, n, k)."""
-        return np.stack([self.whiten([x[:, j] for x in torques], j) for j in range(self.rig.n)], axis=1)
+        return np.stack(
+            [self.whiten([x[:, j] for x in torques], j) for j in range(self.rig.n)], axis=1
+        )
 
     @cached_property
     def samples(self) -> list[list[Sample]]:
@@ -231,7 +246,9 @@ class Evidence:
     @cached_property
     def sliding(self) -> list[Array]:
         """Coulomb friction of one N m at each joint, whitened, (rows,)."""
-        return [self.whiten([part.slide[:, j] for part in self.parts], j) for j in range(self.rig.n)]
+        return [
+            self.whiten([part.slide[:, j] for part in self.parts], j) for j in range(self.rig.n)
+        ]
 
     @property
     def seconds(self) -> float:
@@ -317,13 +334,21 @@ def gather(
     parts = tuple(one for one in found if one is not None)
     if not parts:
         name = logs[0].name if logs else "logs"
-        raise DataError(name, "has no stretch of time long enough to judge", "record at least 10 s of motion")
+        raise DataError(
+            name, "has no stretch of time long enough to judge", "record at least 10 s of motion"
+        )
     return Evidence(
-        rig, parts, filtering.cutoff, number_blocks(parts, filtering.cutoff), measure_ranges(rig, parts, filtering)
+        rig,
+        parts,
+        filtering.cutoff,
+        number_blocks(parts, filtering.cutoff),
+        measure_ranges(rig, parts, filtering),
     )
 
 
-def build_part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: Log) -> LogStretch | None:
+def build_part(
+    rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: Log
+) -> LogStretch | None:
     """Return the part of a stretch of a whole log, or None if it is shorter than what the filters need to settle."""
     step = compute_decimation(filtering, stretch.dt)
     # The last few samples go where that makes the Fourier transforms quick.
@@ -336,7 +361,9 @@ def build_part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, w
     length = 2 * half
     dt = stretch.dt * step
     rows = slice(0, length * step, step)
-    shock = spread_from_turns(compute_lost_impulse(stretch, filtering, channels.t), channels.v)[rows]
+    shock = spread_from_turns(compute_lost_impulse(stretch, filtering, channels.t), channels.v)[
+        rows
+    ]
     logged = UnfilteredTorque.of(stretch, filtering, channels.t, step)
     channels = channels.select(rows)
     gate = gate[rows]
@@ -396,14 +423,21 @@ def spread_from_turns(values: Array, v: Array) -> Array:
 def compute_gate(channels: Samples, filtering: Filtering, taper: float = TAPER) -> Array:
     """Return the weight of each sample, (m, n): zero near standstill and where the filters settle, one elsewhere."""
     dt = float(channels.t[1] - channels.t[0])
-    still = dilate_flags(find_slow_samples(channels, CLEAR), count_smoother_memory(channels, filtering))
+    still = dilate_flags(
+        find_slow_samples(channels, CLEAR), count_smoother_memory(channels, filtering)
+    )
     edge = int(np.ceil(compute_settling_time(filtering) / dt))
-    return build_mask(still, round(taper / filtering.cutoff / dt)) * compute_fade(len(channels.t), edge)[:, None]
+    return (
+        build_mask(still, round(taper / filtering.cutoff / dt))
+        * compute_fade(len(channels.t), edge)[:, None]
+    )
 
 
 def compute_fade(length: int, edge: int) -> Array:
     """Zero over half of `edge` samples at both ends, then rising to one over the other half, (length,)."""
-    rise = np.clip((np.minimum(np.arange(length), np.arange(length)[::-1]) - edge / 2) / (edge / 2), 0.0, 1.0)
+    rise = np.clip(
+        (np.minimum(np.arange(length), np.arange(length)[::-1]) - edge / 2) / (edge / 2), 0.0, 1.0
+    )
     return 0.5 - 0.5 * np.cos(np.pi * rise)
 
 
@@ -420,9 +454,14 @@ def number_blocks(parts: Sequence[LogStretch], band: float) -> Array:
     return np.concatenate(out)
 
 
-def measure_ranges(rig: Rig, parts: Sequence[LogStretch], filtering: Filtering) -> tuple[OperatingRange, ...]:
+def measure_ranges(
+    rig: Rig, parts: Sequence[LogStretch], filtering: Filtering
+) -> tuple[OperatingRange, ...]:
     """What the parts show of each joint."""
-    q, v, tau = (np.concatenate([getattr(part.channels, name) for part in parts]) for name in ("q", "v", "tau"))
+    q, v, tau = (
+        np.concatenate([getattr(part.channels, name) for part in parts])
+        for name in ("q", "v", "tau")
+    )
     seconds = sum(part.dt * len(part.gate) for part in parts)
     warm = any(np.ptp(part.temperature) > 0 for part in parts)
     rate_std = np.mean([part.channels.rate_std for part in parts], axis=0)

@@ -31,7 +31,9 @@ def compute_asked_torque(model: Model, part: LogStretch, a: Array | None = None)
     """Torque that a model asks for the motion of a part, or with other accelerations a, N m, (m, n)."""
     c = part.channels
     a = c.a if a is None else a
-    return model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform, part.losses)
+    return model.inverse(
+        c.q, c.v, a, part.slide, part.time, part.temperature, c.platform, part.losses
+    )
 
 
 def _compute_load(model: Model, part: LogStretch, joint: int) -> JointLoad:
@@ -42,8 +44,12 @@ def _compute_load(model: Model, part: LogStretch, joint: int) -> JointLoad:
     brake = np.zeros(len(c.t)) + sum(np.asarray(term.torque(sample)) for term in terms)
     others = np.arange(c.a.shape[1]) != joint
     asked, whole = (compute_asked_torque(model, part, a)[:, joint] for a in (c.a * others, c.a))
-    push = compute_coupling(compute_inertia_column(model.rig, c.q, joint), joint, model.armature[joint])
-    return JointLoad.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked, push)
+    push = compute_coupling(
+        compute_inertia_column(model.rig, c.q, joint), joint, model.armature[joint]
+    )
+    return JointLoad.along(
+        brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked, push
+    )
 
 
 def build_extended_model(state: State) -> Model:
@@ -52,7 +58,9 @@ def build_extended_model(state: State) -> Model:
     changes = tuple(cause for cause in settle_causes(state) if isinstance(cause, RigEffect))
     for change in changes:
         rig = change.apply(rig)
-    friction = zip(state.problem.friction, state.fit.theta[len(state.problem.reduction.independent) :].tolist())
+    friction = zip(
+        state.problem.friction, state.fit.theta[len(state.problem.reduction.independent) :].tolist()
+    )
     terms = [Term(effect, (value,)) for effect, value in friction]
     found = [c for c in state.causes if isinstance(c, Effect)]
     terms += [Term(effect, tuple(state.coefficients(effect).tolist())) for effect in found]
@@ -73,7 +81,9 @@ def _collect_estimates(state: State, terms: Sequence[Term]) -> Estimated:
     measures = (*list_units(symbols), *(rig.in_units(e.joint, c.unit) for e, c in pairs))
     dt = find_interval(part.dt / part.logged.step for part in parts if part.logged is not None)
     lags = tuple(np.broadcast_to(parts[0].late, (rig.n,)).tolist())
-    return Estimated(names, measures, now.theta[kept], now.covariance[np.ix_(kept, kept)], dt, lags=lags)
+    return Estimated(
+        names, measures, now.theta[kept], now.covariance[np.ix_(kept, kept)], dt, lags=lags
+    )
 
 
 def find_estimated(state: State) -> Array:
@@ -97,7 +107,10 @@ def settle_causes(state: State) -> tuple[Cause, ...]:
             continue
         fitted: Cause = resize(cause, float(state.coefficients(cause)[0]))
         for twin in [c for c in out if same(c, cause)]:  # another figure of the same
-            fitted = replace(twin, **{s.name: getattr(twin, s.name) or getattr(fitted, s.name) for s in twin.shapes})
+            fitted = replace(
+                twin,
+                **{s.name: getattr(twin, s.name) or getattr(fitted, s.name) for s in twin.shapes},
+            )
             out.remove(twin)
         out.append(fitted)
     return tuple(out)

@@ -22,9 +22,13 @@ DIAGNOSIS_FILES: dict[str, str] = {
 
 def list_writers(found: Diagnosis) -> dict[str, Callable[[Path], object]]:
     """Return what writes the extended model, and the next experiment where one was planned that parts anything."""
-    writers: dict[str, Callable[[Path], object]] = {"extended model": partial(write_extended, found.after)}
+    writers: dict[str, Callable[[Path], object]] = {
+        "extended model": partial(write_extended, found.after)
+    }
     if found.planned is not None and found.planned.motion is not None:
-        writers["next experiment"] = partial(write_motion, found.planned.motion, found.planned.joints)
+        writers["next experiment"] = partial(
+            write_motion, found.planned.motion, found.planned.joints
+        )
     return writers
 
 
@@ -38,5 +42,7 @@ def write_diagnosis(
     """
     writers = list_writers(found) | {"diagnosis": partial(write_json, found.to_dict())}
     writers["report"] = partial(atomic_write, content=page)
-    notes = write_run(folder, {DIAGNOSIS_FILES[what]: write for what, write in writers.items()}, run or {})
+    notes = write_run(
+        folder, {DIAGNOSIS_FILES[what]: write for what, write in writers.items()}, run or {}
+    )
     return {what: Path(folder) / DIAGNOSIS_FILES[what] for what in writers}, notes

@@ -65,7 +65,9 @@ from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 
 
-def report_findings(found: Explained, held: Evidence, checked: Sequence[CheckedLog], filtering: Filtering) -> Diagnosis:
+def report_findings(
+    found: Explained, held: Evidence, checked: Sequence[CheckedLog], filtering: Filtering
+) -> Diagnosis:
     """Measure the gain on the reporting part, which drops nothing and moves nothing, and put it all together.
 
     Args:
@@ -84,7 +86,12 @@ def report_findings(found: Explained, held: Evidence, checked: Sequence[CheckedL
     common = _describe_common_residual(residual, best, held, checked)
     if common:
         residual = {joint: replace(left, state="structured") for joint, left in residual.items()}
-    after = _add_rest(widen_estimates(build_extended_model(state), state), residual, best["torque_rmse"], held.band)
+    after = _add_rest(
+        widen_estimates(build_extended_model(state), state),
+        residual,
+        best["torque_rmse"],
+        held.band,
+    )
     if filtering.alignment is not None and after.estimated is not None:
         after = replace(after, estimated=replace(after.estimated, lags=(), lag_std=()))
     said = replace(
@@ -105,17 +112,29 @@ def report_findings(found: Explained, held: Evidence, checked: Sequence[CheckedL
         after=after,
         held=held,
         state=found.final,
-        instead=tuple(rival.cause for cause in found.final.causes for rival in found.rivals_of(cause)),
+        instead=tuple(
+            rival.cause for cause in found.final.causes for rival in found.rivals_of(cause)
+        ),
     )
     is_open = said.verdict == "unknown"
-    return replace(said, candidate=_find_candidate(found, held, model.baseline)) if is_open else said
+    return (
+        replace(said, candidate=_find_candidate(found, held, model.baseline)) if is_open else said
+    )
 
 
-def _add_rest(model: Model, residual: Mapping[str, Residual], errors: Mapping[str, float], band: float) -> Model:
+def _add_rest(
+    model: Model, residual: Mapping[str, Residual], errors: Mapping[str, float], band: float
+) -> Model:
     """Return the model with what it knows of the rest: noise, and what of held-out torque no cause explains."""
     assert model.estimated is not None
-    rows = [(errors[joint], left.noise_floor, left.state == "structured") for joint, left in residual.items()]
-    missed = tuple(max(error**2 - floor**2, 0.0) ** 0.5 if structured else 0.0 for error, floor, structured in rows)
+    rows = [
+        (errors[joint], left.noise_floor, left.state == "structured")
+        for joint, left in residual.items()
+    ]
+    missed = tuple(
+        max(error**2 - floor**2, 0.0) ** 0.5 if structured else 0.0
+        for error, floor, structured in rows
+    )
     noise = tuple(floor / band**0.5 for _, floor, _ in rows)
     return replace(model, estimated=replace(model.estimated, missed=missed, noise=noise))
 
@@ -200,7 +219,9 @@ def _list_immaterial(found: Explained) -> tuple[Slight, ...]:
         clear = criterion(state) - criterion(new) > search.threshold
         if clear and not exceeds_form_error(new, state):
             fits = state.fit, new.fit
-            left, less = (np.sum((fit.residual.reshape(-1, n) / fit.scale) ** 2, axis=0) for fit in fits)
+            left, less = (
+                np.sum((fit.residual.reshape(-1, n) / fit.scale) ** 2, axis=0) for fit in fits
+            )
             size = np.sqrt(np.maximum(left - less, 0.0) / np.maximum(torque, 1e-300))
             small.append(Slight(cause.name, get_joint(cause), float(size.max())))
     return tuple(small)
@@ -216,7 +237,9 @@ def _find_candidate(found: Explained, held: Evidence, baseline: Figures) -> Cand
         if gain > most:
             # A fit may move a cause of the rig to other figures: the state holds the one that it ended at.
             at = _locate_cause(state, next(one for one in state.causes if same(one, cause)))
-            best = Candidate(cause.name, get_joint(cause), at, baseline["torque_rmse"][at], errors[at])
+            best = Candidate(
+                cause.name, get_joint(cause), at, baseline["torque_rmse"][at], errors[at]
+            )
             most = gain
     return best
 
@@ -255,13 +278,25 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
     while True:
         state = found.final
         best = measure_errors(held, build_extended_model(state))
-        lacking = {one: measure_errors(held, build_extended_model(leave_cause_out(state, one))) for one in state.causes}
+        lacking = {
+            one: measure_errors(held, build_extended_model(leave_cause_out(state, one)))
+            for one in state.causes
+        }
         gains = {cause: measure_gain(figures, best, used) for cause, figures in lacking.items()}
         places = {cause: _locate_cause(state, cause) for cause in lacking}
-        errors = {cause: [x["torque_rmse"][places[cause]] for x in (lacking[cause], best)] for cause in lacking}
-        smaller = {cause for cause, (before, after) in errors.items() if before >= CONFIRMED * after}
+        errors = {
+            cause: [x["torque_rmse"][places[cause]] for x in (lacking[cause], best)]
+            for cause in lacking
+        }
+        smaller = {
+            cause for cause, (before, after) in errors.items() if before >= CONFIRMED * after
+        }
         worse = {cause: _list_degraded_joints(best, figures) for cause, figures in lacking.items()}
-        unconfirmed = [cause for cause, gain in gains.items() if cause not in smaller or gain < 0 or worse[cause]]
+        unconfirmed = [
+            cause
+            for cause, gain in gains.items()
+            if cause not in smaller or gain < 0 or worse[cause]
+        ]
         if not unconfirmed:
             return Confirmed(found, baseline, best, lacking, tuple(denied))
         worst = min(unconfirmed, key=gains.__getitem__)
@@ -279,7 +314,11 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
 
 def _list_degraded_joints(after: Figures, before: Figures) -> list[str]:
     """Return the joints at which a model is materially worse than another on unseen rows."""
-    return [joint for joint, fit in before["fit_percent"].items() if is_degraded(after["fit_percent"][joint], fit)]
+    return [
+        joint
+        for joint, fit in before["fit_percent"].items()
+        if is_degraded(after["fit_percent"][joint], fit)
+    ]
 
 
 def _locate_cause(state: State, cause: Cause) -> str:
@@ -330,7 +369,9 @@ def _describe_cause(model: Confirmed, cause: Cause, held: Evidence) -> Finding:
     )
     said = f"{_describe_sizes(cause, final.sentence(values), figures)}{f' ({within})' if within else ''}"
     change = 100 * (after / max(before, 1e-300) - 1)
-    gained = rig.in_units(at, f"held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)")
+    gained = rig.in_units(
+        at, f"held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)"
+    )
     chance = len(found.search.library.causes) * np.exp((criterion(state) - criterion(base)) / 2)
     return Finding(
         cause=cause.name,
@@ -341,7 +382,9 @@ def _describe_cause(model: Confirmed, cause: Cause, held: Evidence) -> Finding:
         sentence=f"{rig.in_units(cause.place, said)}; {gained}",
         experiment=cause.experiment,
         rivals=list_nearest(cause.name, rivals),
-        blurred=cause.blurred(base.problem.evidence.seen[rig.joint_index(cause.place)]) if cause.of_joint else (),
+        blurred=cause.blurred(base.problem.evidence.seen[rig.joint_index(cause.place)])
+        if cause.of_joint
+        else (),
         visible_fraction=float(np.sqrt(visibility(base.fit, [base.columns(cause)])[0])),
     )
 
@@ -367,7 +410,10 @@ def average_figures(state: State, cause: Cause) -> tuple[Parameter, ...]:
     share = softmax([0.0, *odds])[1:]
     moved = [np.array([one[p.name] - p.value for one in others]) for p in figures]
     moved = [np.angle(np.exp(1j * x)) if p.unit == "rad" else x for p, x in zip(figures, moved)]
-    return tuple(replace(p, std=float(np.hypot(p.std, np.sqrt(share @ x**2)))) for p, x in zip(figures, moved))
+    return tuple(
+        replace(p, std=float(np.hypot(p.std, np.sqrt(share @ x**2))))
+        for p, x in zip(figures, moved)
+    )
 
 
 def _describe_sizes(cause: Cause, sentence: str, figures: Sequence[Parameter]) -> str:
@@ -397,4 +443,8 @@ def list_untestable(found: Explained, findings: Sequence[Finding]) -> tuple[Unte
         visible[at] = max(visible.get(at, 0.0), share)
     why = {cause.name: cause.hidden for cause in library.causes}
     known = {(one.cause, one.joint) for one in findings}
-    return tuple(Untestable(*at, why[at[0]]) for at, share in visible.items() if share < HIDDEN and at not in known)
+    return tuple(
+        Untestable(*at, why[at[0]])
+        for at, share in visible.items()
+        if share < HIDDEN and at not in known
+    )

@@ -81,7 +81,11 @@ class Fit:
     def felt(self) -> list[tuple[Array, Array]]:
         """Columns of the weighted A that are not zero at each joint, (rows, s), and their axes, (s, r)."""
         own = [self.stack[self.rows(j)] for j in range(len(self.scale))]
-        return [(np.asfortranarray(x[:, there]), self.axes[there]) for x in own for there in [np.any(x != 0, axis=0)]]
+        return [
+            (np.asfortranarray(x[:, there]), self.axes[there])
+            for x in own
+            for there in [np.any(x != 0, axis=0)]
+        ]
 
     def rows(self, joint: int | None) -> slice:
         """Weighted rows of a joint; None: of all."""
@@ -105,7 +109,9 @@ class Fit:
         return np.add.reduceat(values, self.starts, axis=0)
 
 
-def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = None, luck: float = LUCK) -> Fit:
+def fit(
+    A: Array, b: Array, used: Array, block: Array, scale: Array | None = None, luck: float = LUCK
+) -> Fit:
     """Fit b (rows, n) by A (rows, n, k), the joints' dispersions iterated unless `scale` is given.
 
     Args:
@@ -121,7 +127,9 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     R = triangles(A, b)
     for _ in range(FIT_PASSES if scale is None else 0):
         theta = least(R, weight)
-        power = np.sum((R[..., k] - R[..., :k] @ theta) ** 2, axis=0) / np.maximum(rows * used - k / n, 1.0)
+        power = np.sum((R[..., k] - R[..., :k] @ theta) ** 2, axis=0) / np.maximum(
+            rows * used - k / n, 1.0
+        )
         weight = 1.0 / np.sqrt(np.maximum(power, luck))
     stack = (A * weight[:, None]).reshape(-1, k)
     target = (b * weight).ravel()
@@ -132,7 +140,16 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     _, values, right = np.linalg.svd(factor / unit, full_matrices=False)
     seen = values > 1e-10 * values[0]
     axes = (right[seen].T / values[seen]) / unit[:, None]
-    return Fit(theta, stack, target, axes, target - stack @ theta, weight, axes @ axes.T, np.repeat(block, n))
+    return Fit(
+        theta,
+        stack,
+        target,
+        axes,
+        target - stack @ theta,
+        weight,
+        axes @ axes.T,
+        np.repeat(block, n),
+    )
 
 
 def least(R: Array, weight: Array) -> Array:
@@ -144,15 +161,22 @@ def least(R: Array, weight: Array) -> Array:
 def refit(now: Fit, own: Array, joint: int, used: Array) -> Fit:
     """Fit whitened columns at one joint, (rows, c), beside those of a fit, the joints weighted as there."""
     n = len(now.scale)
-    stack, target = (x.reshape(len(own), n, -1) / now.scale[:, None] for x in (now.stack, now.target))
+    stack, target = (
+        x.reshape(len(own), n, -1) / now.scale[:, None] for x in (now.stack, now.target)
+    )
     beside = np.zeros((len(own), n, own.shape[1]))
     beside[:, joint] = own
-    return fit(np.concatenate([stack, beside], axis=2), target[:, :, 0], used, now.block[::n], now.scale)
+    return fit(
+        np.concatenate([stack, beside], axis=2), target[:, :, 0], used, now.block[::n], now.scale
+    )
 
 
 def triangles(A: Array, b: Array) -> Array:
     """Triangular factor of each joint's ``[A_j b_j]``, (r, n, k + 1): the same sums of squares in as few rows."""
-    return np.stack([np.linalg.qr(np.column_stack([x, y]), mode="r") for x, y in zip(A.swapaxes(0, 1), b.T)], axis=1)
+    return np.stack(
+        [np.linalg.qr(np.column_stack([x, y]), mode="r") for x, y in zip(A.swapaxes(0, 1), b.T)],
+        axis=1,
+    )
 
 
 def project(now: Fit, own: Array, joint: int | None) -> Array:

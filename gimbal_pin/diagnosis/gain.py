@@ -37,7 +37,11 @@ def measure_errors(held: Evidence, model: Model) -> Figures:
 def compare_errors(before: Figures, after: Figures, joint: str) -> dict[str, float]:
     """Return errors of two models at a joint: "torque_rmse_before", "torque_rmse_after", and those of the rollout."""
     pairs = ("before", before), ("after", after)
-    return {f"{name}_{when}": x[name][joint] for name in ("torque_rmse", "rollout_rmse") for when, x in pairs}
+    return {
+        f"{name}_{when}": x[name][joint]
+        for name in ("torque_rmse", "rollout_rmse")
+        for when, x in pairs
+    }
 
 
 def measure_gain(before: Figures, after: Figures, used: Array) -> float:
@@ -56,12 +60,16 @@ def torque_rmse(evidence: Evidence, model: Model) -> Array:
 
 def compute_filtered_error(evidence: Evidence, model: Model) -> Array:
     """Measured less predicted torque, gated and low-passed at the band, all parts in a row, N m, (m, n)."""
-    return _filter_torques(evidence, [_compute_torque_error(part, model) for part in evidence.parts])
+    return _filter_torques(
+        evidence, [_compute_torque_error(part, model) for part in evidence.parts]
+    )
 
 
 def _compute_rms(evidence: Evidence, torques: Sequence[Array]) -> Array:
     """Root mean square of torques, (m, n) per part, gated and low-passed: of one it is one, (n,)."""
-    filtered, counted = (_filter_torques(evidence, x) for x in (torques, [np.ones((1, 1))] * len(torques)))
+    filtered, counted = (
+        _filter_torques(evidence, x) for x in (torques, [np.ones((1, 1))] * len(torques))
+    )
     return np.sqrt(np.sum(filtered**2, axis=0) / np.maximum(np.sum(counted**2, axis=0), 1e-300))
 
 
@@ -87,7 +95,10 @@ def rollout_rmse(evidence: Evidence, model: Model) -> Array:
     """
     parts = evidence.parts
     most = -(-24 // len(evidence.parts))
-    possible = all(is_inertia_positive(model.rig, part.channels.q[:: max(1, len(part.gate) // 16)]) for part in parts)
+    possible = all(
+        is_inertia_positive(model.rig, part.channels.q[:: max(1, len(part.gate) // 16)])
+        for part in parts
+    )
     errors = [one for part in parts for one in _roll_out(model, part, most)] if possible else []
     return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, nan)
 
@@ -110,21 +121,31 @@ def _roll_out(model: Model, part: LogStretch, most: int) -> Iterator[Array]:
     if part.channels.lost is not None:
         before = np.concatenate([[0], np.cumsum(part.channels.lost)])
         starts = starts[before[starts + horizon + 1] == before[starts]]
-    for start in starts[np.linspace(0, len(starts) - 1, most).astype(int)].tolist() if len(starts) else ():
-        state = State(part.channels.q[start], part.channels.v[start], tuple(one[..., start].tolist() for one in memory))
+    for start in (
+        starts[np.linspace(0, len(starts) - 1, most).astype(int)].tolist() if len(starts) else ()
+    ):
+        state = State(
+            part.channels.q[start],
+            part.channels.v[start],
+            tuple(one[..., start].tolist() for one in memory),
+        )
         plant.friction.warm = part.temperature[start].tolist()
         for k in range(start, start + horizon):
             torque = (tau[k] + tau[k + 1]) / 2
             for i in range(0 if state.lost else steps):
                 state = plant.step(part.channels.t[k] - part.origin + i * dt, state, torque, dt)
-        yield np.full(len(state.q), nan) if state.lost else state.q - part.channels.q[start + horizon]
+        yield (
+            np.full(len(state.q), nan) if state.lost else state.q - part.channels.q[start + horizon]
+        )
 
 
 def describe_worse_errors(before: Figures, after: Figures) -> list[str]:
     """Name the joints whose position the extended model simulates worse than the refitted one, by over a tenth."""
     old = before["rollout_rmse"]
     new = after["rollout_rmse"]
-    worse = ", ".join(joint for joint, error in old.items() if isfinite(error) and not new[joint] <= 1.1 * error)
+    worse = ", ".join(
+        joint for joint, error in old.items() if isfinite(error) and not new[joint] <= 1.1 * error
+    )
     said = "the extended model simulates the position worse than the refitted one; findings are judged by the torque"
     return [f"{worse}: {said}"] if worse else []
 
@@ -183,5 +204,11 @@ def trace_torques(model: Model, log: Log, filtering: Filtering | None = None) ->
     for part in gather(model.rig, [checked], filtering).parts:
         c = part.channels
         kept = np.ones(len(c.t), bool) if c.lost is None else ~c.lost
-        rows.append(tuple(x[kept] for x in (c.t, c.q, c.v, c.tau, c.tau - _compute_torque_error(part, model))))
-    return TorqueTrace(log.name, model.rig.joints, *(np.concatenate(column) for column in zip(*rows)))
+        rows.append(
+            tuple(
+                x[kept] for x in (c.t, c.q, c.v, c.tau, c.tau - _compute_torque_error(part, model))
+            )
+        )
+    return TorqueTrace(
+        log.name, model.rig.joints, *(np.concatenate(column) for column in zip(*rows))
+    )

@@ -59,7 +59,9 @@ class Form(NamedTuple):
     def build(self, values: Array) -> RigEffect:
         """Return the cause with these figures, as far as its bounds allow."""
         joint = {"joint": self.joint} if self.kind.of_joint else {}
-        return self.kind.inside(**joint, **{name: float(x) for (name, _), x in zip(self.start, values.tolist())})
+        return self.kind.inside(
+            **joint, **{name: float(x) for (name, _), x in zip(self.start, values.tolist())}
+        )
 
 
 class FittedForms(NamedTuple):
@@ -125,7 +127,10 @@ def find_given_causes(difference: BaseDifference, causes: Mapping[str, type[Caus
     less = {form: search.drop(best, form) for form in best.values}
     return GivenCauses(
         best,
-        {form: float(np.exp(min(0.0, _compute_chance(one, best) + search.tries))) for form, one in less.items()},
+        {
+            form: float(np.exp(min(0.0, _compute_chance(one, best) + search.tries)))
+            for form, one in less.items()
+        },
         {form: list(search.extend(best, form)) for form in best.values},
     )
 
@@ -148,14 +153,19 @@ class GivenResponse:
         self.difference = difference
         self._motion = spread_states(difference.rig)
         places = find_base_columns(difference.rig, difference.reduction)
-        self._columns = compute_regressor(difference.rig, *self._motion)[:, :, places].reshape(-1, len(places))
+        self._columns = compute_regressor(difference.rig, *self._motion)[:, :, places].reshape(
+            -1, len(places)
+        )
         self._inverse = np.linalg.pinv(self._columns)
         self._torque = compute_rnea(difference.rig, *self._motion).ravel()
 
     def compute_torque(self, causes: Sequence[RigEffect]) -> Array:
         """Torque that causes add in poses that show all, (m,); nan where no body allows them."""
         try:
-            return compute_rnea(change_rig(self.difference.rig, causes), *self._motion).ravel() - self._torque
+            return (
+                compute_rnea(change_rig(self.difference.rig, causes), *self._motion).ravel()
+                - self._torque
+            )
         except UsageError:
             return np.full(len(self._torque), np.nan)
 
@@ -181,8 +191,16 @@ class _Search:
         self.nothing = FittedForms({}, np.zeros_like(difference.change), cost, 0, {})
         self.fits: dict[frozenset[Form], FittedForms | None] = {frozenset(): self.nothing}
         every = [kind for kind in causes.values() if issubclass(kind, RigEffect)]
-        places = [(kind, joint) for kind in every for joint in (rig.joints if kind.of_joint else rig.joints[:1])]
-        forms = [Form(kind, joint, tuple(start.items())) for kind, joint in places for start in kind.forms(rig)]
+        places = [
+            (kind, joint)
+            for kind in every
+            for joint in (rig.joints if kind.of_joint else rig.joints[:1])
+        ]
+        forms = [
+            Form(kind, joint, tuple(start.items()))
+            for kind, joint in places
+            for start in kind.forms(rig)
+        ]
         self.forms = [form for form in forms if self.is_shown(form)]
         self.tries = float(np.log(max(len({form.place for form in self.forms}), 1)))
 
@@ -194,7 +212,9 @@ class _Search:
 
     def compute_response(self, forms: Sequence[Form], x: Array) -> Array:
         """Response to forms with all their figures in a row."""
-        return self.response.compute([form.build(own) for form, own in zip(forms, _split(forms, x))])
+        return self.response.compute(
+            [form.build(own) for form, own in zip(forms, _split(forms, x))]
+        )
 
     def compute_slopes(self, forms: Sequence[Form], x: Array) -> Array:
         """Base parameters per figure, (b, p), by differences; none where no body allows the step."""
@@ -211,7 +231,9 @@ class _Search:
         W = self.difference.whitener
         left, size, right = np.linalg.svd(W @ slopes * (high - low), full_matrices=False)
         shown = size > max(1.0, LEAST_KEPT * float(size.max(initial=0.0)))
-        return (high - low)[:, None] * ((right[shown].T / size[shown]) @ left[:, shown].T @ W), int(shown.sum())
+        return (high - low)[:, None] * ((right[shown].T / size[shown]) @ left[:, shown].T @ W), int(
+            shown.sum()
+        )
 
     def compute_cost(self, left: Array) -> float:
         """Sum of squares of a change in units of the noise."""
@@ -249,14 +271,20 @@ class _Search:
         gain, freedom = self.invert(forms, self.compute_slopes(forms, x))
         fit = FittedForms(values, response, self.compute_cost(change - response), freedom, {})
         power = np.diag(gain @ self.difference.covariance @ gain.T) * fit.dispersion
-        return fit._replace(std=dict(zip(forms, _split(forms, np.sqrt(np.where(power > 0, power, np.nan))))))
+        return fit._replace(
+            std=dict(zip(forms, _split(forms, np.sqrt(np.where(power > 0, power, np.nan)))))
+        )
 
     def extend(self, fit: FittedForms, instead: Form | None = None) -> Iterator[FittedForms]:
         """Yield fits with another cause beside those of a fit, or in the place of one of them."""
         rest = [form for form in fit.values if form is not instead]
         taken = {one.place for one in rest}
         for form in self.forms:
-            if form.place not in taken and form is not instead and (new := self.fit([*rest, form], fit)):
+            if (
+                form.place not in taken
+                and form is not instead
+                and (new := self.fit([*rest, form], fit))
+            ):
                 yield new
 
     def drop(self, fit: FittedForms, form: Form) -> FittedForms:
@@ -274,12 +302,18 @@ class _Search:
         front = [best]
         for _ in range(_LARGEST_SET):
             ideal = [one._replace(cost=one.spare - 1.0, freedom=one.freedom + 1) for one in front]
-            front = [one for one, more in zip(front, ideal) if self.is_gain(one, more) and worth(more) < worth(best)]
+            front = [
+                one
+                for one, more in zip(front, ideal)
+                if self.is_gain(one, more) and worth(more) < worth(best)
+            ]
             grown = sorted((more for one in front for more in self.extend(one)), key=worth)
             alike = {frozenset(form.place for form in one.values): one for one in reversed(grown)}
             front = sorted(alike.values(), key=worth)[:_BEAM]
             best = min([best, *front], key=worth)
-        while needless := [one for form in best.values if not self.is_gain(one := self.drop(best, form), best)]:
+        while needless := [
+            one for form in best.values if not self.is_gain(one := self.drop(best, form), best)
+        ]:
             best = min(needless, key=lambda one: one.cost)
         noise = len(self.difference.change)
         whole = self.nothing.cost
@@ -312,5 +346,9 @@ def _split(forms: Sequence[Form], x: Array) -> list[Array]:
 
 def _get_bounds(forms: Sequence[Form]) -> tuple[Array, Array]:
     """Lower and upper bounds of all figures in a row, (p,) each."""
-    shapes = [{shape.name: shape for shape in form.kind.shapes}[name] for form in forms for name, _ in form.start]
+    shapes = [
+        {shape.name: shape for shape in form.kind.shapes}[name]
+        for form in forms
+        for name, _ in form.start
+    ]
     return np.array([shape.lower for shape in shapes]), np.array([shape.upper for shape in shapes])

@@ -14,7 +14,13 @@ from gimbal_pin.diagnosis.covariance import compute_misfit
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import build_extended_model, settle_causes
 from gimbal_pin.diagnosis.gain import compare_errors, measure_errors
-from gimbal_pin.diagnosis.given_causes import Form, GivenCauses, GivenResponse, change_rig, find_given_causes
+from gimbal_pin.diagnosis.given_causes import (
+    Form,
+    GivenCauses,
+    GivenResponse,
+    change_rig,
+    find_given_causes,
+)
 from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, list_nearest
 from gimbal_pin.diagnosis.state import Problem, State
 from gimbal_pin.dynamics.model import Model
@@ -53,11 +59,15 @@ def compute_base_difference(state: State) -> BaseDifference:
     rig = evidence.rig
     spread = fit.covariance * len(fit.starts) / max(len(fit.starts) - 1, 1)
     change = fit.theta[:width] - given_beta(rig, reduction)
-    found = BaseDifference(rig, reduction, change, spread[:width, :width], fit.information[:width, :width])
+    found = BaseDifference(
+        rig, reduction, change, spread[:width, :width], fit.information[:width, :width]
+    )
     return found.widen(np.hstack([compute_misfit(state, j)[:width] for j in range(rig.n)]))
 
 
-def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) -> Diagnosis:
+def compare_given_model(
+    found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]
+) -> Diagnosis:
     """Add what sets the given model apart from the refitted one; as findings, if the rig's URDF is trusted.
 
     Args:
@@ -74,16 +84,33 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     found = replace(found, notes=(*found.notes, *unlike))
     if difference.rig.config.inertia != "trusted" or found.held is None:
         return found
-    case = _Case(state, GivenResponse(difference), find_given_causes(difference, causes), found.held)
+    case = _Case(
+        state, GivenResponse(difference), find_given_causes(difference, causes), found.held
+    )
     best = case.found.best
-    share = {form: _compute_torque_share(case, form) for form in best.values if best.is_known(form).any()}
-    more = [_describe_finding(case, form, size) for form, size in share.items() if size.max() > FORM_ERROR]
-    less = [Slight(*form.place, float(size.max())) for form, size in share.items() if size.max() <= FORM_ERROR]
+    share = {
+        form: _compute_torque_share(case, form) for form in best.values if best.is_known(form).any()
+    }
+    more = [
+        _describe_finding(case, form, size)
+        for form, size in share.items()
+        if size.max() > FORM_ERROR
+    ]
+    less = [
+        Slight(*form.place, float(size.max()))
+        for form, size in share.items()
+        if size.max() <= FORM_ERROR
+    ]
     return replace(found, findings=(*found.findings, *more), immaterial=(*found.immaterial, *less))
 
 
 def state_payload_with_causes(
-    found: Diagnosis, rig: Rig, logs: Sequence[Log], holdout: str | None, filters: Filtering | None, mass: float | None
+    found: Diagnosis,
+    rig: Rig,
+    logs: Sequence[Log],
+    holdout: str | None,
+    filters: Filtering | None,
+    mass: float | None,
 ) -> PayloadStatement:
     """State what `identify` says of the payload with the found causes in its equations; nothing of spoilt logs.
 
@@ -105,14 +132,22 @@ def state_payload_with_causes(
         with suppress(GimbalPinError):
             changed = apply_changes(rig, model.changes)
             one = identify(
-                changed, logs, refittable_effects(model), holdout=holdout, filtering=filters, examined="never"
+                changed,
+                logs,
+                refittable_effects(model),
+                holdout=holdout,
+                filtering=filters,
+                examined="never",
             )
             return compare_payload(one, mass)
     return state_payload(compute_base_difference(found.state), mass)
 
 
 def _describe_inertias(
-    found: BaseDifference, problem: Problem, hidden: Sequence[Untestable], unexplained: Collection[str]
+    found: BaseDifference,
+    problem: Problem,
+    hidden: Sequence[Untestable],
+    unexplained: Collection[str],
 ) -> Iterator[str]:
     """``m_j = mean over poses of M_jj``, refitted over given: yield a sentence for each joint where that is not one.
 
@@ -139,7 +174,11 @@ def _describe_inertias(
         elif joint not in unexplained:
             less = f"{format_estimate(100 * abs(change), max(100 * std, 0.01))} % {'more' if change > 0 else 'less'}"
             others = [one.cause for one in hidden if one.joint == joint]
-            instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""
+            instead = (
+                f"; {' or '.join(others)}, which this log cannot show, may look like that"
+                if others
+                else ""
+            )
             yield f"{joint}: the inertia about its axis is {less} than the URDF's{instead}"
 
 
@@ -156,9 +195,15 @@ def describe_friction(refitted: Model, unexplained: Collection[str]) -> Iterator
     each = []
     for joint, stated in zip(rig.joints, rig.friction):
         own = [row for row in rows if row[0].startswith(f"{joint}.")]
-        if np.any(stated) or joint in unexplained or any(value < -DEVIATIONS * std for _, value, std, _ in own):
+        if (
+            np.any(stated)
+            or joint in unexplained
+            or any(value < -DEVIATIONS * std for _, value, std, _ in own)
+        ):
             continue
-        sizes = [f"{format_estimate(x, std)} {unit}" for _, x, std, unit in own if x > DEVIATIONS * std]
+        sizes = [
+            f"{format_estimate(x, std)} {unit}" for _, x, std, unit in own if x > DEVIATIONS * std
+        ]
         each += [f"{joint} {' and '.join(sizes)}"] if sizes else []
     if each:
         said = f"the URDF states no friction where there is some: {', '.join(each)} (± 95 %)"
@@ -168,7 +213,11 @@ def describe_friction(refitted: Model, unexplained: Collection[str]) -> Iterator
 def _describe_attenuation(noise: MotionNoise, joint: int) -> str:
     """Say that noise in the motion may hide a joint's inertia, and of what size that is by either estimate."""
     plain, slow, std = (float(x[joint]) for x in (noise.plain, noise.instrumental, noise.std))
-    known = f"{format_estimate(slow, std, 2)} kg m^2" if slow > DEVIATIONS * std else "none that is known"
+    known = (
+        f"{format_estimate(slow, std, 2)} kg m^2"
+        if slow > DEVIATIONS * std
+        else "none that is known"
+    )
     return (
         f"noise in the motion may hide inertia: {digits(max(plain, 0.0), 2)} kg m^2 by least squares, {known} from the "
         f"motion below {noise.cutoff:g} Hz alone; no difference in inertia is told from this log"
@@ -188,7 +237,10 @@ def _compute_torque_share(case: _Case, form: Form) -> Array:
     """Torque that a cause makes, as a share of each joint's, rms, (n,)."""
     problem = case.state.problem
     change = case.response.compute([case.found.best.causes[form]])
-    torque, whole = (np.concatenate(x) for x in ([r @ change for r in problem.motion.full], problem.evidence.torque))
+    torque, whole = (
+        np.concatenate(x)
+        for x in ([r @ change for r in problem.motion.full], problem.evidence.torque)
+    )
     return np.sqrt(np.mean(torque**2, axis=0) / np.maximum(np.mean(whole**2, axis=0), 1e-300))
 
 
@@ -229,7 +281,12 @@ def _compare_rivals(case: _Case, form: Form) -> tuple[Rival, ...]:
         odds = best.compute_odds(other)
         apart = np.linalg.norm(case.response.difference.whitener @ (other.response - best.response))
         rivals.append(
-            Rival(new.kind.name, odds, odds * float(np.sqrt(best.dispersion) / max(apart, 1e-12)), new.place[1])
+            Rival(
+                new.kind.name,
+                odds,
+                odds * float(np.sqrt(best.dispersion) / max(apart, 1e-12)),
+                new.place[1],
+            )
         )
     return list_nearest(form.kind.name, rivals)
 
@@ -237,4 +294,6 @@ def _compare_rivals(case: _Case, form: Form) -> tuple[Rival, ...]:
 def _build_stated_model(case: _Case, causes: Sequence[RigEffect]) -> Model:
     """The given URDF with causes in its bodies, and everything else as the diagnosis has it."""
     found = [cause for cause in settle_causes(case.state) if isinstance(cause, RigEffect)]
-    return replace(build_extended_model(case.state), rig=change_rig(case.held.rig, [*causes, *found]))
+    return replace(
+        build_extended_model(case.state), rig=change_rig(case.held.rig, [*causes, *found])
+    )

@@ -28,7 +28,9 @@ def list_candidates(evidence: Evidence, kinds: Mapping[str, type[Cause]]) -> lis
     seen = evidence.seen
     found: list[Cause] = []
     for kind in kinds.values():
-        for joint, ranges in zip(rig.joints, seen) if kind.of_joint else ((rig.joints[0], seen[0]),):
+        for joint, ranges in (
+            zip(rig.joints, seen) if kind.of_joint else ((rig.joints[0], seen[0]),)
+        ):
             if not kind.is_stated(joint, rig):
                 found += kind.tried(joint, ranges)
     return found
@@ -71,7 +73,9 @@ class ColumnLibrary:
 
         What was found to repeat with the angle is looked for at its overtones, too.
         """
-        above = [one for cause in state.causes if isinstance(cause, Harmonic) for one in cause.above()]
+        above = [
+            one for cause in state.causes if isinstance(cause, Harmonic) for one in cause.above()
+        ]
         every = dict.fromkeys([*self.causes, *above])
         here = [c for c in every if place is None or c.place == place or not c.of_joint]
         taken = {kept(cause) for cause in state.causes}
@@ -91,7 +95,9 @@ class ColumnLibrary:
             now = reads[key] if key in reads else reads.setdefault(key, self.read(key, state))
             before, columns = self.built.get(cause, (now, None))
             if (now, before) not in still:
-                still[now, before] = all(is_near(new, old, STALE_CHANGE) for new, old in zip(now.arrays, before.arrays))
+                still[now, before] = all(
+                    is_near(new, old, STALE_CHANGE) for new, old in zip(now.arrays, before.arrays)
+                )
             if columns is None or not still[now, before]:
                 columns = state.columns(cause, state.torque if self.of_model else None)
                 self.built[cause] = now, columns
@@ -101,7 +107,9 @@ class ColumnLibrary:
     def turns(self, state: State) -> Array:
         """How far the rig is turned in the state by each of the library's changes of it, 0 where it is not by much."""
         changes = {kept(change): get_magnitude(change) for change in state.stand.changes}
-        return np.array([changes.get(cause, 0.0) for cause in self.causes if isinstance(cause, RigEffect)])
+        return np.array(
+            [changes.get(cause, 0.0) for cause in self.causes if isinstance(cause, RigEffect)]
+        )
 
     def read(self, key: tuple[str, str], state: State) -> Read:
         """What some causes' columns depend on besides the log; see `name_source`."""

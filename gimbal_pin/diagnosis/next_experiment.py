@@ -19,7 +19,13 @@ from scipy.special import expit
 from tqdm import trange
 
 from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
-from gimbal_pin.diagnosis.evidence import Evidence, LogStretch, compute_gate, measure_ranges, number_blocks
+from gimbal_pin.diagnosis.evidence import (
+    Evidence,
+    LogStretch,
+    compute_gate,
+    measure_ranges,
+    number_blocks,
+)
 from gimbal_pin.diagnosis.extended import build_extended_model
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.parting import Apart, NextExperiment, Parting
@@ -81,7 +87,9 @@ class Contest:
         effects = [*state.problem.friction, *(cause for cause in state.causes if width(cause))]
         beside = [state.problem.rigid, *(state.columns(effect).values for effect in effects)]
         own = state.columns(self.cause).values @ self.beta
-        columns = np.concatenate([*beside, compute_tangent(state, self.rival, self.weights), own[..., None]], axis=2)
+        columns = np.concatenate(
+            [*beside, compute_tangent(state, self.rival, self.weights), own[..., None]], axis=2
+        )
         return self.base.fit.stacked(columns)
 
     @cached_property
@@ -97,18 +105,31 @@ class Contest:
 
     def expected(self, problem: Problem, torque: Array) -> Apart:
         """How far apart the two will be with a motion: the problem that its log would be, and its torque, (m, n)."""
-        state = replace(self.base, problem=problem, torque=[torque], acting=[torque], learned=self.base)
+        state = replace(
+            self.base, problem=problem, torque=[torque], acting=[torque], learned=self.base
+        )
         deviations, share, left = self.measure(np.vstack([self.known, self.rows(state)]))
         logs = self.base.problem.evidence
         block = number_blocks([*logs.parts, *problem.evidence.parts], logs.band)
         power = np.asarray(np.bincount(np.repeat(block, logs.rig.n), left**2), dtype=float)
-        odds = [foresee_log_odds(power, self.told.delta, self.now.deviations**2, z) for z in (LUCKY, 0.0)]
-        return Apart(deviations, share, *expit([0.0, 0.0] if self.is_blurred(problem.evidence) else odds).tolist())
+        odds = [
+            foresee_log_odds(power, self.told.delta, self.now.deviations**2, z)
+            for z in (LUCKY, 0.0)
+        ]
+        return Apart(
+            deviations,
+            share,
+            *expit([0.0, 0.0] if self.is_blurred(problem.evidence) else odds).tolist(),
+        )
 
     def is_blurred(self, evidence: Evidence) -> bool:
         """Whether other forms of the rival look the same on a range, whichever pieces of the finding stay."""
-        some = [self.cause.without(piece) for piece in self.cause.pieces if len(self.cause.pieces) > 1]
-        seen = evidence.seen[evidence.rig.joint_index(self.cause.place) if self.cause.of_joint else 0]
+        some = [
+            self.cause.without(piece) for piece in self.cause.pieces if len(self.cause.pieces) > 1
+        ]
+        seen = evidence.seen[
+            evidence.rig.joint_index(self.cause.place) if self.cause.of_joint else 0
+        ]
         return all(self.rival.name in one.blurred(seen) for one in (self.cause, *some))
 
     def measure(self, rows: Array) -> tuple[float, float, Array]:
@@ -121,7 +142,9 @@ class Contest:
     def parting(self, expected: Apart | None) -> Parting:
         """Describe it, and what a next experiment will do to it."""
         instead = (self.cause.experiment, self.rival.experiment)
-        return Parting(self.cause.name, get_joint(self.cause), self.rival.name, self.now, expected, instead)
+        return Parting(
+            self.cause.name, get_joint(self.cause), self.rival.name, self.now, expected, instead
+        )
 
 
 def build_contest(
@@ -150,7 +173,9 @@ def build_contest(
     grid += [form for form in known if type(form) is kind and form.place in (*at, "rig")]
     if not grid:
         return None
-    best = refine_shapes(base, min(grid, key=lambda form: near(form)[1]), lambda _, form: -near(form)[1])
+    best = refine_shapes(
+        base, min(grid, key=lambda form: near(form)[1]), lambda _, form: -near(form)[1]
+    )
     return Contest(base, cause, beta, best, near(best)[0], told)
 
 
@@ -180,11 +205,21 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
     gain = np.stack([np.interp(frequency[: rows // 2 + 1], own, gain) for gain in like.whitener])
     none = np.zeros_like(q)
     part = LogStretch(
-        channels, none + AMBIENT, compute_gate(channels, filtering), gain, np.zeros_like(gain), 0.0, dt, rows, none
+        channels,
+        none + AMBIENT,
+        compute_gate(channels, filtering),
+        gain,
+        np.zeros_like(gain),
+        0.0,
+        dt,
+        rows,
+        none,
     )
     block = number_blocks([part], logs.band)
     seen = measure_ranges(logs.rig, [*logs.parts, part], filtering)
-    return Problem.of(Evidence(logs.rig, (part,), logs.band, block, seen), known.reduction), channels.tau
+    return Problem.of(
+        Evidence(logs.rig, (part,), logs.band, block, seen), known.reduction
+    ), channels.tau
 
 
 class Tried(NamedTuple):
@@ -264,7 +299,10 @@ def next_experiment(
             raise best.limits.explain_infeasibility()
         best = tried(best.limits, enforce_clearance(best.limits, x)[0])
         moving = motion(best.limits, best.x, dt)
-    partings = (each.parting(apart if ok else None) for each, apart, ok in zip(contests, best.apart, possible))
+    partings = (
+        each.parting(apart if ok else None)
+        for each, apart, ok in zip(contests, best.apart, possible)
+    )
     held = rig.config.fixed
     if moving is not None and held:
         rest = np.zeros((len(moving), len(held)))
@@ -274,13 +312,18 @@ def next_experiment(
     return NextExperiment((*rig.joints, *held), moving, tuple(partings), finished)
 
 
-def planned(found: Diagnosis, causes: Mapping[str, type[Cause]] = CAUSES, *, rng: np.random.Generator) -> Diagnosis:
+def planned(
+    found: Diagnosis, causes: Mapping[str, type[Cause]] = CAUSES, *, rng: np.random.Generator
+) -> Diagnosis:
     """Return the diagnosis with its `next_experiment`."""
     return replace(found, planned=next_experiment(found, causes, rng=rng))
 
 
 def search_motions(
-    family: Sequence[Limits], tried: Callable[[Limits, Array], Tried], tries: int, rng: np.random.Generator
+    family: Sequence[Limits],
+    tried: Callable[[Limits, Array], Tried],
+    tries: int,
+    rng: np.random.Generator,
 ) -> tuple[list[Tried], bool]:
     """Try random motions of every series in turn, then changes of the best; return them, and whether all were tried."""
     motions: list[Tried] = []
@@ -290,7 +333,11 @@ def search_motions(
             x = None
             if 2 * k >= tries:
                 limits, best, _ = max(motions, key=lambda one: one.value)
-                change = SMALLEST_CHANGE ** rng.random() * np.sqrt(np.mean(best**2)) * rng.standard_normal(len(best))
+                change = (
+                    SMALLEST_CHANGE ** rng.random()
+                    * np.sqrt(np.mean(best**2))
+                    * rng.standard_normal(len(best))
+                )
                 x = limits.repair(best + change, rough=True)
             motions.append(tried(limits, limits.draw_start(rng) if x is None else x))
     except KeyboardInterrupt:

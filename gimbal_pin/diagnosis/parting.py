@@ -73,14 +73,18 @@ def describe_partings(partings: Sequence[Parting]) -> str:
     who = first.joint or "rig"
     rivals = ", ".join(one.rival for one in partings)
     instead = "; or ".join(dict.fromkeys(way for one in partings for way in one.instead))
-    after = join_odds([str(int(compute_odds(one.expected))) for one in partings if one.expected is not None])
+    after = join_odds(
+        [str(int(compute_odds(one.expected))) for one in partings if one.expected is not None]
+    )
     if not after:
         same = f"{who}: {first.cause} and {rivals} can be the same torque in every motion that was tried"
         return f"{same}; what else may part them: {instead}"
     now = join_odds([digits(compute_odds(one.now), 2) for one in partings])
     said = f"{who}: {first.cause} is {now} times as likely as {rivals} so far and, if it is there, at least "
     said += f"{after} times with the next experiment, in 19 of 20 logs"
-    return said if first.outcome == "named" else f"{said}: too little to name it; try also {instead}"
+    return (
+        said if first.outcome == "named" else f"{said}: too little to name it; try also {instead}"
+    )
 
 
 def join_odds(each: Sequence[str]) -> str:
@@ -127,12 +131,18 @@ class NextExperiment:
         groups: dict[tuple[str | None, str], dict[str, list[Parting]]] = {}
         for one in self.partings:
             groups.setdefault((one.joint, one.cause), {}).setdefault(one.outcome, []).append(one)
-        told = tuple(describe_partings(group) for outcomes in groups.values() for group in outcomes.values())
+        told = tuple(
+            describe_partings(group) for outcomes in groups.values() for group in outcomes.values()
+        )
         if self.motion is None:
             return told
         cut = "" if self.finished else "; the search for it was interrupted, it is the best so far"
         names = any({*outcomes} == {"named"} for outcomes in groups.values())
-        vain = "" if names else "; it names no cause, as each keeps a rival, and can but rule out others"
+        vain = (
+            ""
+            if names
+            else "; it names no cause, as each keeps a rival, and can but rule out others"
+        )
         return (
             *told,
             f"the motion lasts {digits(self.seconds)} s, from rest to rest within the rig's limits{cut}{vain}: play "

@@ -62,7 +62,11 @@ def diagnose(
     shown = [subsample_log(log) for log in logs]
     band = choose_band(rig, logs) if filtering is None else filtering
     found = diagnose_short_logs(rig, [one.log for one in shown], causes, holdout, band)
-    filters = None if filtering is None or filtering.alignment is None else Filtering(alignment=filtering.alignment)
+    filters = (
+        None
+        if filtering is None or filtering.alignment is None
+        else Filtering(alignment=filtering.alignment)
+    )
     given = state_payload_with_causes(found, rig, logs, holdout, filters, mass)
     notes = (*(one.note for one in shown if one.note), *found.notes)
     return replace(found, given=given, notes=notes, data=tuple(logs))
@@ -98,12 +102,18 @@ def diagnose_short_logs(
     checked = [one if one.log.name in fitted else one.judged_only() for one in checked]
     reliable = all(one.is_reliable for one in checked)
     shifts = [(log, find_shifted_torques(rig, log, filtering)) for log in mended]
-    late = next((fault for log, found in shifts if (fault := find_time_fault(log, found)) is not None), None)
+    late = next(
+        (fault for log, found in shifts if (fault := find_time_fault(log, found)) is not None), None
+    )
     if late is not None or not all(one.is_usable for one in checked):
-        return report_unusable_logs(rig, logs, checked if late is None else with_fault(checked, late), filtering)
+        return report_unusable_logs(
+            rig, logs, checked if late is None else with_fault(checked, late), filtering
+        )
     noticed = tuple(note for log, found in shifts for note in report_shifts(log, found))
     try:
-        said = diagnose_checked_logs(rig, logs, causes, filtering, Parted(checked, train, test, whole))
+        said = diagnose_checked_logs(
+            rig, logs, causes, filtering, Parted(checked, train, test, whole)
+        )
     except DataError:
         if reliable:
             raise
@@ -147,13 +157,18 @@ def diagnose_checked_logs(
     held = gather_for_judgement(rig, test, filtering, wholes) if test else evidence
     if np.all(held.used < LEAST_JUDGED_SHARE):
         raise DataError(
-            test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
+            test[0].name,
+            "no joint moves where the gain is to be judged",
+            "give another --holdout",
+            rig.joints,
         )
     reduction = reduce_parameters(rig, base=base)
     fitted = alternate_blocks(evidence, filtering)[0] if whole else evidence
     if np.all(fitted.used < LEAST_JUDGED_SHARE):
         what = "moves in hardly a sample of the part that is fitted to, by the filters' memory"
-        raise DataError(train[0].name, what, "record longer, faster, or more samples a second", rig.joints)
+        raise DataError(
+            train[0].name, what, "record longer, faster, or more samples a second", rig.joints
+        )
     gliding = solve_causes(Problem.of(fitted, reduction), ())
     evidence, held = (open_turns(one, gliding, filtering) for one in (evidence, held))
     if whole:
@@ -163,12 +178,17 @@ def diagnose_checked_logs(
     if apart is not None:
         return report_unusable_logs(rig, logs, with_fault(checked, apart), filtering)
     idle = check_torque_moves_joints(found, find_joints_asked_to_rest(train))
-    resting = tuple(f"{joint}: not excited, as its reference asks for rest: nothing is said of it" for joint in idle)
+    resting = tuple(
+        f"{joint}: not excited, as its reference asks for rest: nothing is said of it"
+        for joint in idle
+    )
     held = retimed(held, found.alignment)
     said = report_findings(found, held, checked, filtering)
     scaled = compare_scales(*beginning) if beginning else ()
     another = [joint for one in scaled for joint in one.torques]
-    findings = [one for one in said.findings if not (one.cause == "torque-gain" and one.joint in another)]
+    findings = [
+        one for one in said.findings if not (one.cause == "torque-gain" and one.joint in another)
+    ]
     statements = (*(one.sentence for one in scaled), *said.statements)
     said = replace(said, statements=statements)
     notes = (*said.notes, *resting, *(unjudged(held) if held is not evidence else ()))
@@ -201,7 +221,9 @@ def check_moved(evidence: Evidence, name: str) -> None:
     joints = evidence.rig.joints
     still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < LEAST_TRAVEL)
     if still:
-        raise DataError(name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still)
+        raise DataError(
+            name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still
+        )
     dumb = tuple(joint for joint, used in zip(joints, evidence.used) if used < LEAST_JUDGED_SHARE)
     if dumb:
         what = "so slow, or turning round so often, that hardly a sample tells its direction"
@@ -230,6 +252,9 @@ def check_torque_moves_joints(found: Explained, resting: Collection[int]) -> tup
             dumb.append(joint)
     idle = tuple(evidence.rig.joints[j] for j in resting if evidence.rig.joints[j] in dumb)
     if len(dumb) > len(idle):
-        what, mend = "their torque has nothing to do with the motion of", "check the torque's column, sign and time"
+        what, mend = (
+            "their torque has nothing to do with the motion of",
+            "check the torque's column, sign and time",
+        )
         raise DataError("the logs", what, mend, tuple(joint for joint in dumb if joint not in idle))
     return idle

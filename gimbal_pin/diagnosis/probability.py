@@ -39,4 +39,7 @@ def foresee_log_odds(power: Array, delta: float, known: float = 0.0, luck: float
     """
     total = float(power.sum())
     gain = max(total - known, 0.0)
-    return moderate(delta + gain / 2 - luck * sqrt(gain), sqrt(total + len(power) * float(power.var(ddof=1)) / 4))
+    return moderate(
+        delta + gain / 2 - luck * sqrt(gain),
+        sqrt(total + len(power) * float(power.var(ddof=1)) / 4),
+    )

@@ -29,7 +29,15 @@ from gimbal_pin.diagnosis.library import ColumnLibrary, list_candidates
 from gimbal_pin.diagnosis.pipeline import check_moved, of_refitted
 from gimbal_pin.diagnosis.probability import LUCKY, SURE, foresee_log_odds
 from gimbal_pin.diagnosis.result import get_joint
-from gimbal_pin.diagnosis.score import HIDDEN, batches, fitting, products, share, visibility, weigh_together
+from gimbal_pin.diagnosis.score import (
+    HIDDEN,
+    batches,
+    fitting,
+    products,
+    share,
+    visibility,
+    weigh_together,
+)
 from gimbal_pin.diagnosis.shapes import form, free
 from gimbal_pin.diagnosis.state import Problem, State, resize, solve_causes
 from gimbal_pin.dynamics.model import nominal
@@ -153,7 +161,9 @@ def describe_size(one: _Planted, size: float, rig: Rig) -> Size:
         cause = resize(cause, values[0])
     given, none = (values, (0.0,) * len(values)) if isinstance(cause, Effect) else ((), ())
     shown = cause.shown(given)
-    changed = [figure for figure, other in zip(shown, cause.shown(none)) if figure.value != other.value]
+    changed = [
+        figure for figure, other in zip(shown, cause.shown(none)) if figure.value != other.value
+    ]
     figure = next(iter(changed or (figure for figure in shown if figure.value)))
     unit, said = (rig.in_units(cause.place, x) for x in (figure.unit, cause.sentence(given)))
     return Size(figure.name, figure.value, unit, size * one.share, said, write_effect(cause, shown))
@@ -161,7 +171,9 @@ def describe_size(one: _Planted, size: float, rig: Rig) -> Size:
 
 def write_effect(cause: Cause, shown: Sequence[Parameter]) -> str:
     """Return a cause with these figures as a person states it: ``cogging:yaw:amplitude=0.03,harmonic=42``."""
-    values = {field.name: getattr(cause, field.name) for field in fields(cause)} | {p.name: p.value for p in shown}
+    values = {field.name: getattr(cause, field.name) for field in fields(cause)} | {
+        p.name: p.value for p in shown
+    }
     stated = [p for p in cause.stated() if p.name in values and values[p.name] != p.value]
     pairs = ",".join(f"{p.name}={float(values[p.name]):.6g}" for p in stated)
     return f"{cause.name}:{f'{cause.place}:' if cause.of_joint else ''}{pairs}"
@@ -203,18 +215,34 @@ def rehearse(
     state = solve_causes(search.problem, ())
     bar = tqdm(library.causes, "rehearsal", unit="cause", disable=None, leave=False, delay=2)
     columns = [library.of(cause, state) for cause in bar]
-    of_joints = [(joint, name, kind) for joint in rig.joints for name, kind in kinds.items() if kind.of_joint]
-    places = [CauseAt(name, joint) for joint, name, kind in of_joints if not kind.is_stated(joint, rig)]
+    of_joints = [
+        (joint, name, kind) for joint in rig.joints for name, kind in kinds.items() if kind.of_joint
+    ]
+    places = [
+        CauseAt(name, joint) for joint, name, kind in of_joints if not kind.is_stated(joint, rig)
+    ]
     places += [CauseAt(name, None) for name, kind in kinds.items() if not kind.of_joint]
     grids: dict[CauseAt, list[Columns]] = {at: [] for at in places}
     for one in columns:
         grids[get_place(one.cause)].append(one)
-    planted = [plant_cause(search, state, one) for grid in grids.values() for one in pick_forms(grid)]
-    gains = explain_planted(state.fit, np.stack([one.seen * one.rest for one in planted], axis=1), columns)
+    planted = [
+        plant_cause(search, state, one) for grid in grids.values() for one in pick_forms(grid)
+    ]
+    gains = explain_planted(
+        state.fit, np.stack([one.seen * one.rest for one in planted], axis=1), columns
+    )
     told = [compare_cause(search, state, *pair, columns) for pair in zip(planted, gains)]
-    found = [summarize_forms(at, kinds[at.cause], [x for x in told if get_place(x.cause) == at], rig) for at in places]
+    found = [
+        summarize_forms(at, kinds[at.cause], [x for x in told if get_place(x.cause) == at], rig)
+        for at in places
+    ]
     idle = "the motion holds the joint still"
-    found += [Rehearsed(name, at, why=idle) for at in still for name, kind in kinds.items() if kind.of_joint]
+    found += [
+        Rehearsed(name, at, why=idle)
+        for at in still
+        for name, kind in kinds.items()
+        if kind.of_joint
+    ]
     return Rehearsal(rig.name, float(motion.t[-1] - motion.t[0]), tuple(found))
 
 
@@ -227,7 +255,9 @@ def pick_forms(grid: Sequence[Columns], tones: int = 8) -> list[Columns]:
     """Return what is planted of a cause's grid: its plainest form, which grids begin with; of harmonics so many."""
     if grid and grid[0].cause.pieces:
         every = np.array([one.cause.pieces[0] for one in grid])
-        nearest = np.argmin(np.abs(every - np.geomspace(every[0], every[-1], tones)[:, None]), axis=1)
+        nearest = np.argmin(
+            np.abs(every - np.geomspace(every[0], every[-1], tones)[:, None]), axis=1
+        )
         return [grid[k] for k in np.unique(nearest).tolist()]
     return [one for one in grid if form(one.cause) == form(grid[0].cause)]
 
@@ -245,7 +275,9 @@ def plant_cause(search: Search, state: State, one: Columns) -> _Planted:
     rest = project(now, one.own, one.joint)
     u = pick_direction(cause, rest)
     felt = rest = rest @ u
-    if isinstance(cause, Signal) and cause.linear:  # a delay of up to `LARGEST_SHIFT` is taken for the log's own
+    if (
+        isinstance(cause, Signal) and cause.linear
+    ):  # a delay of up to `LARGEST_SHIFT` is taken for the log's own
         late = min(cause.late(evidence.parts[0].dt), LARGEST_SHIFT)
         felt = rest - late * project_slope(state, evidence.rig.joint_index(cause.joint))
     blocks = now.by_block(felt[:, None] ** 2)[:, 0]
@@ -253,17 +285,26 @@ def plant_cause(search: Search, state: State, one: Columns) -> _Planted:
     asked = many * np.expm1((search.threshold + free(cause) * np.log(count.max())) / many)
     outside = felt.reshape(-1, len(now.scale)) / now.scale
     torque = evidence.whiten_all(state.torque)
-    form_error = compare_with_form_error(evidence, outside, 0 * outside, [(FORM_ERROR, torque)]).max()
+    form_error = compare_with_form_error(
+        evidence, outside, 0 * outside, [(FORM_ERROR, torque)]
+    ).max()
     told = np.array([blocks.sum(), blocks.sum() - blocks.max(), form_error])
     # D² - 2 z D = fall: deviations of the noise from which a sum of squares falls by so much in 19 of 20 logs.
     far = np.append(LUCKY + np.sqrt(LUCKY**2 + np.array([asked, search.threshold])), 1.0)
     seen = float(np.max(far / np.sqrt(np.maximum(told, 1e-300))))
-    power = float(np.linalg.norm(one.own @ u) / np.linalg.norm(torque if one.joint is None else torque[:, one.joint]))
-    largest = find_largest(one, u, evidence.rig, power) if visibility(now, [one])[0] >= HIDDEN else 0.0
+    power = float(
+        np.linalg.norm(one.own @ u)
+        / np.linalg.norm(torque if one.joint is None else torque[:, one.joint])
+    )
+    largest = (
+        find_largest(one, u, evidence.rig, power) if visibility(now, [one])[0] >= HIDDEN else 0.0
+    )
     return _Planted(cause, u, rest, power, largest, seen)
 
 
-def compare_cause(search: Search, state: State, one: _Planted, gains: Array, columns: Sequence[Columns]) -> _Planted:
+def compare_cause(
+    search: Search, state: State, one: _Planted, gains: Array, columns: Sequence[Columns]
+) -> _Planted:
     """Return a planted cause with the size from which it is named, and what it is taken for.
 
     As in `selection.find_rivals`, by the best of each place that promises anything at the size from which it is found.
@@ -291,7 +332,9 @@ def compare_cause(search: Search, state: State, one: _Planted, gains: Array, col
     needed |= {CauseAt(name, own.joint): np.inf for name in cause.blurred(seen)}
     named = max([one.seen, *needed.values()])
     limit = one.seen if named <= one.largest else one.largest
-    return one._replace(named=named, alike=tuple(place for place, size in needed.items() if size > limit))
+    return one._replace(
+        named=named, alike=tuple(place for place, size in needed.items() if size > limit)
+    )
 
 
 def explain_planted(now: Fit, planted: Array, columns: Sequence[Columns]) -> Array:
@@ -306,7 +349,9 @@ def explain_planted(now: Fit, planted: Array, columns: Sequence[Columns]) -> Arr
         gram = whole - products(now.along(S, joint), c)
         s = (planted[now.rows(joint)].T @ S).reshape(len(found), -1, c)
         own = fitting(gram, s)
-        lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in some)))
+        lower, upper = (
+            np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in some))
+        )
         possible = np.all((own >= lower) & (own <= upper), axis=2)
         possible &= share(gram, whole) * np.array([one.bulk for one in some]) >= HIDDEN
         found[:, batch] = np.where(possible, np.sum(own * s, axis=2), 0.0)
@@ -337,7 +382,9 @@ def find_largest(columns: Columns, u: Array, rig: Rig, power: float) -> float:
         limit = rig.limits[j := rig.joint_index(cause.joint)]
         tau = float(rig.tau_max[j])
         corners = ((q, v) for q in (limit.lower, limit.upper) for v in (0.0, limit.velocity))
-        inside = (Sample(0.0, q, v, 0.0, 1.0, tau) for q, v in corners if np.isfinite([q, v, tau]).all())
+        inside = (
+            Sample(0.0, q, v, 0.0, 1.0, tau) for q, v in corners if np.isfinite([q, v, tau]).all()
+        )
         loads = [abs(float(np.array([float(x) for x in cause.basis(at)]) @ u)) for at in inside]
         most += [tau / load for load in loads if load > 0]
     return float(min(most))
@@ -366,15 +413,27 @@ def find_size_apart(now: Fit, torque: Array, rival: Columns, fall: float) -> flo
     return float(apart / np.sqrt(total))
 
 
-def summarize_forms(place: CauseAt, kind: type[Cause], told: Sequence[_Planted], rig: Rig) -> Rehearsed:
+def summarize_forms(
+    place: CauseAt, kind: type[Cause], told: Sequence[_Planted], rig: Rig
+) -> Rehearsed:
     """Return what is said of a cause at its place: of the form that is the median of those that show."""
     families: dict[tuple[object, ...], list[_Planted]] = {}
     for one in sorted(told, key=lambda one: one.share):
-        key = [getattr(one.cause, field.name) for field in fields(one.cause) if field.name != get_size_name(one.cause)]
+        key = [
+            getattr(one.cause, field.name)
+            for field in fields(one.cause)
+            if field.name != get_size_name(one.cause)
+        ]
         families.setdefault(tuple(key), []).append(one)
-    edges = [[find_edge(family, "seen"), find_edge(family, "named")] for family in families.values()]
+    edges = [
+        [find_edge(family, "seen"), find_edge(family, "named")] for family in families.values()
+    ]
     shown = [
-        (describe_size(seen, seen.seen, rig), named and describe_size(named, named.named, rig), seen.alike)
+        (
+            describe_size(seen, seen.seen, rig),
+            named and describe_size(named, named.named, rig),
+            seen.alike,
+        )
         for seen, named in edges
         if seen is not None
     ]

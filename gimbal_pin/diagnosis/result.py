@@ -145,7 +145,10 @@ class Finding:
     @property
     def explained_share(self) -> float:
         """``1 - a²/b²``: share of its joint's held-out error power without it, b², that it removes."""
-        return 1.0 - (self.gain["torque_rmse_after"] / max(self.gain["torque_rmse_before"], 1e-300)) ** 2
+        return (
+            1.0
+            - (self.gain["torque_rmse_after"] / max(self.gain["torque_rmse_before"], 1e-300)) ** 2
+        )
 
     @property
     def alike(self) -> tuple[str, ...]:
@@ -177,7 +180,9 @@ class Finding:
         credible = find_credible(self.cause, self.rivals)
         own = [self.cause, *(name for name in self.alike if name not in credible)]
         odds = [(name, self.joint, 1.0 / len(own)) for name in own]
-        odds += [(one.cause, one.joint, exp(one.log_odds)) for one in self.rivals if one.cause not in own]
+        odds += [
+            (one.cause, one.joint, exp(one.log_odds)) for one in self.rivals if one.cause not in own
+        ]
         share = LISTED * (1.0 - self.false_alarm) / sum(each for *_, each in odds)
         return tuple((name, joint, share * each) for name, joint, each in odds)
 
@@ -189,12 +194,16 @@ class Finding:
     def tell_from(self, name: str) -> Rival:
         """Return what the logs tell of it and a cause of its class: nothing where no log of their range can."""
         likely = find_credible(self.cause, self.rivals)
-        return next((one for one in self.rivals if one.cause == name in likely), Rival(name, 0.0, 0.0))
+        return next(
+            (one for one in self.rivals if one.cause == name in likely), Rival(name, 0.0, 0.0)
+        )
 
     @property
     def open(self) -> str:
         """What else it may be, and how probably, in a sentence; nothing where it is named."""
-        chances = {name: f" ({digits(100 * chance, 2)} %)" for name, _, chance in self.probabilities}
+        chances = {
+            name: f" ({digits(100 * chance, 2)} %)" for name, _, chance in self.probabilities
+        }
         others = ", ".join(f"{name}{chances.get(name, '')}" for name in self.alike[1:])
         return f"this log cannot tell it from {others}" if others else ""
 
@@ -369,7 +378,9 @@ class Diagnosis(Record):
 
     def __post_init__(self) -> None:
         """Put the strongest finding first, and judge."""
-        object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda one: -one.explained_share)))
+        object.__setattr__(
+            self, "findings", tuple(sorted(self.findings, key=lambda one: -one.explained_share))
+        )
         object.__setattr__(self, "verdict", self.judge(self.findings))
 
     @property
@@ -394,7 +405,9 @@ class Diagnosis(Record):
         used = dict(zip(self.held.rig.joints, self.held.used.tolist()))
         found = dict[str, Opinion]()
         for joint, left in self.residual.items():
-            *simpler, _, extended = (errors["fit_percent"][joint] for errors in self.stages.values())
+            *simpler, _, extended = (
+                errors["fit_percent"][joint] for errors in self.stages.values()
+            )
             is_worse = any(is_degraded(extended, one) for one in simpler)
             structured = left.state == "structured"
             judged = 0.0 if joint in self.idle else used[joint]
@@ -411,23 +424,33 @@ class Diagnosis(Record):
         """Sentences about joints at which the fitted model is materially worse than a simpler one."""
         said = []
         for joint in self.unexplained if self.held is not None else ():
-            *simpler, _, (_, extended) = ((model, each["fit_percent"][joint]) for model, each in self.stages.items())
+            *simpler, _, (_, extended) = (
+                (model, each["fit_percent"][joint]) for model, each in self.stages.items()
+            )
             model, fit = max(simpler, key=lambda one: one[1])
             if is_degraded(extended, fit):
                 worse = digits(100 - extended, 2)
                 better = digits(100 - fit, 2)
-                said.append(f"{joint}: fitting raises the held-out error from {better} % ({model}) to {worse} %")
+                said.append(
+                    f"{joint}: fitting raises the held-out error from {better} % ({model}) to {worse} %"
+                )
         return said
 
     @property
     def hidden(self) -> str:
         """What may hide in noise of more than a tenth of a joint's torque, a hundredth of its power; else nothing."""
         most = " and ".join(
-            self.after.rig.in_units(joint, f"{digits(self.extended['torque_rmse'][joint], 2)} N m at {joint}")
+            self.after.rig.in_units(
+                joint, f"{digits(self.extended['torque_rmse'][joint], 2)} N m at {joint}"
+            )
             for joint, state in self.opinions.items()
             if state is Opinion.NOISE_LEFT
         )
-        return f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for" if most else ""
+        return (
+            f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for"
+            if most
+            else ""
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds: what spoils the physics first, then the physics, then faults that were mended."""
@@ -440,13 +463,18 @@ class Diagnosis(Record):
             "verdict": self.verdict,
             "findings": [each.to_dict() for each in self.spoiling]
             + [each.to_dict() for each in self.findings]
-            + [each.to_dict() for each in self.faults if not (each.makes_physics_unreliable or each.slight)],
+            + [
+                each.to_dict()
+                for each in self.faults
+                if not (each.makes_physics_unreliable or each.slight)
+            ],
             "causes": [dict(zip(("cause", "joint", "probability"), one)) for one in likely],
             "notes": [*self.statements, *self.notes],
             "altered": list_alterations(self.altered),
             **{key: value or {} for key, value in self.given.to_dict().items()},
             "residual": {
-                joint: {**asdict(left), "opinion": self.opinions[joint].value} for joint, left in self.residual.items()
+                joint: {**asdict(left), "opinion": self.opinions[joint].value}
+                for joint, left in self.residual.items()
             },
             "candidate": None if self.candidate is None else asdict(self.candidate),
             "probability_limit": LISTED,

@@ -46,10 +46,18 @@ def open_turns(evidence: Evidence, state: State, filtering: Filtering) -> Eviden
     floors = [evidence.noise_floor(j) for j in range(evidence.rig.n)]
     friction = get_dry_friction(state)
     delays = find_shifts(state)
-    turns = [find_swift_turns(part, state, friction, delays, floors, filtering) for part in evidence.parts]
+    turns = [
+        find_swift_turns(part, state, friction, delays, floors, filtering)
+        for part in evidence.parts
+    ]
     parts = [open_gate(part, flags, filtering) for part, flags in zip(evidence.parts, turns)]
-    corners = [compute_corners(part, flags, state, friction, filtering) for part, flags in zip(parts, turns)]
-    return replace(evidence, parts=tuple(part._replace(corner=x) for part, x in zip(parts, corners)))
+    corners = [
+        compute_corners(part, flags, state, friction, filtering)
+        for part, flags in zip(parts, turns)
+    ]
+    return replace(
+        evidence, parts=tuple(part._replace(corner=x) for part, x in zip(parts, corners))
+    )
 
 
 def get_dry_friction(state: State) -> Array:
@@ -64,7 +72,12 @@ def get_dry_friction(state: State) -> Array:
 
 
 def find_swift_turns(
-    part: LogStretch, state: State, friction: Array, delays: Array, floors: list[float], filtering: Filtering
+    part: LogStretch,
+    state: State,
+    friction: Array,
+    delays: Array,
+    floors: list[float],
+    filtering: Filtering,
 ) -> Flags:
     """Whether a joint turns round at a sample so that its friction's direction adds no error that shows, (m, n).
 
@@ -89,7 +102,8 @@ def find_swift_turns(
     with np.errstate(divide="ignore"):
         jump = friction[joint] / torque
         late = (
-            compute_smear(filtering) * jump * np.where(is_timed(state)[joint], jump, 1.0) + c.rate_std[joint] / speeding
+            compute_smear(filtering) * jump * np.where(is_timed(state)[joint], jump, 1.0)
+            + c.rate_std[joint] / speeding
         )
     late += delays[joint]
     error = 2 * friction[joint] * late * 2 * filtering.cutoff
@@ -131,7 +145,9 @@ def compute_smear(filtering: Filtering) -> float:
     return SMEAR / (2 * np.pi * filtering.cutoff * filtering.smoothing)
 
 
-def compute_corners(part: LogStretch, turns: Flags, state: State, friction: Array, filtering: Filtering) -> Array:
+def compute_corners(
+    part: LogStretch, turns: Flags, state: State, friction: Array, filtering: Filtering
+) -> Array:
     """What the smoother takes off the rates about some turns, rad/s, (m, n): ``(SMEAR F_c/(2π f_c) sign a + p)/I``.
 
     Friction that changes by 2 F_c lets the acceleration jump, unless the torque jumps as much the other way: p is what
@@ -139,9 +155,14 @@ def compute_corners(part: LogStretch, turns: Flags, state: State, friction: Arra
     """
     c = part.channels
     out = np.zeros(part.channels.v.shape)
-    at, joint = np.nonzero(dilate_flags(turns, count_smoother_memory(c, filtering)) & is_timed(state))
+    at, joint = np.nonzero(
+        dilate_flags(turns, count_smoother_memory(c, filtering)) & is_timed(state)
+    )
     inertia = np.abs(compute_inertial_torque(state, c.q[at], np.ones(len(at)), joint))
-    lost = compute_smear(filtering) * friction[joint] * np.sign(c.a[at, joint]) + part.impulse[at, joint]
+    lost = (
+        compute_smear(filtering) * friction[joint] * np.sign(c.a[at, joint])
+        + part.impulse[at, joint]
+    )
     out[at, joint] = lost / inertia
     return out
 
@@ -153,7 +174,9 @@ def compute_inertial_torque(state: State, q: Array, a: Array, joint: NDArray[np.
     alone[rows, joint] = a
     still = np.zeros_like(q)
     return np.asarray(
-        (compute_rnea(state.rig, q, still, alone) - compute_rnea(state.rig, q, still, still))[rows, joint]
+        (compute_rnea(state.rig, q, still, alone) - compute_rnea(state.rig, q, still, still))[
+            rows, joint
+        ]
     )
 
 
@@ -163,6 +186,12 @@ def open_gate(part: LogStretch, turns: Flags, filtering: Filtering) -> LogStretc
     still = find_slow_samples(part.channels, CLEAR)
     reach = count_smoother_memory(c, filtering)
     taper = round(TAPER / filtering.cutoff / part.dt)
-    shut, open_ = (build_mask(dilate_flags(where, reach), taper) for where in (still, still & ~turns))
-    edges = compute_fade(len(still), int(np.ceil(compute_settling_time(filtering) / part.dt)))[:, None]
-    return part._replace(gate=np.asfortranarray(np.minimum(part.gate + (open_ - shut) * edges, 1.0)))
+    shut, open_ = (
+        build_mask(dilate_flags(where, reach), taper) for where in (still, still & ~turns)
+    )
+    edges = compute_fade(len(still), int(np.ceil(compute_settling_time(filtering) / part.dt)))[
+        :, None
+    ]
+    return part._replace(
+        gate=np.asfortranarray(np.minimum(part.gate + (open_ - shut) * edges, 1.0))
+    )

@@ -68,7 +68,9 @@ def gained_alike(now: Fit, candidates: Sequence[Columns], fixed: bool) -> list[G
     gram = whole - products(along, c)
     s = (now.residual[rows] @ S).reshape(-1, c)
     own = fitting(gram, s)
-    lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates)))
+    lower, upper = (
+        np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates))
+    )
     visible = share(gram, whole) * np.array([one.bulk for one in candidates])
     power = quadratic(whole, own) - compute_shared_power(S, own, candidates)
     wrong = (
@@ -80,7 +82,10 @@ def gained_alike(now: Fit, candidates: Sequence[Columns], fixed: bool) -> list[G
     gain = 2 * np.sum(beta * s, axis=1) - quadratic(gram, beta)
     every = map(Gained, gain.tolist(), beta, own, visible.tolist())
     nothing = np.zeros(0)
-    return [Gained(0.0, nothing, nothing, one.visible) if none else one for one, none in zip(every, wrong)]
+    return [
+        Gained(0.0, nothing, nothing, one.visible) if none else one
+        for one, none in zip(every, wrong)
+    ]
 
 
 def quadratic(gram: Array, beta: Array) -> Array:
@@ -127,7 +132,9 @@ def inverse(gram: Array, share: float) -> Array:
         return np.divide(1.0, gram, out=np.zeros_like(gram), where=gram > share * NIL)
     size, axes = np.linalg.eigh(gram)
     there = size > share * np.maximum(size[..., -1:], NIL)
-    return np.asarray((axes * np.divide(1.0, size, out=np.zeros_like(size), where=there)[..., None, :]) @ axes.mT)
+    return np.asarray(
+        (axes * np.divide(1.0, size, out=np.zeros_like(size), where=there)[..., None, :]) @ axes.mT
+    )
 
 
 def visibility(now: Fit, candidates: Sequence[Columns]) -> Array:
@@ -145,7 +152,9 @@ def visibility(now: Fit, candidates: Sequence[Columns]) -> Array:
 def share(left: Array, whole: Array) -> Array:
     """Traces of some matrices, (k, c, c), over those of others, (k,); 0 where that is `NIL`."""
     size = np.trace(whole, axis1=1, axis2=2)
-    return np.divide(np.trace(left, axis1=1, axis2=2), size, out=np.zeros(len(size)), where=size > NIL)
+    return np.divide(
+        np.trace(left, axis1=1, axis2=2), size, out=np.zeros(len(size)), where=size > NIL
+    )
 
 
 def compute_shared_power(S: Array, own: Array, candidates: Sequence[Columns]) -> Array:

@@ -44,7 +44,9 @@ def refine_shapes(
     return at
 
 
-def other_forms(state: State, cause: Cause, value: Callable[[State, Cause], float]) -> tuple[Cause, ...]:
+def other_forms(
+    state: State, cause: Cause, value: Callable[[State, Cause], float]
+) -> tuple[Cause, ...]:
     """Other forms of a cause, each where it is worth most from where the search has found it, refined."""
     evidence = state.problem.evidence
     seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
@@ -52,7 +54,8 @@ def other_forms(state: State, cause: Cause, value: Callable[[State, Cause], floa
     for other in cause.akin(seen):
         forms.setdefault(form(other), []).append(other)
     return tuple(
-        refine_shapes(state, max(alike, key=partial(value, state)), value, NEAR_FACTOR) for alike in forms.values()
+        refine_shapes(state, max(alike, key=partial(value, state)), value, NEAR_FACTOR)
+        for alike in forms.values()
     )
 
 
@@ -64,7 +67,9 @@ def onward(before: Cause, at: Cause) -> Cause | None:
     if not isinstance(at, Signal) or not at.springy or at is before:
         return None
     shapes = [shape for shape in at.shapes if shape.name in shape_names(at)]
-    new = {shape.name: getattr(at, shape.name) ** 2 / getattr(before, shape.name) for shape in shapes}
+    new = {
+        shape.name: getattr(at, shape.name) ** 2 / getattr(before, shape.name) for shape in shapes
+    }
     return at.altered(**new) if all(s.lower <= new[s.name] <= s.upper for s in shapes) else None
 
 
@@ -73,7 +78,11 @@ def shape_names(cause: Cause) -> list[str]:
     if isinstance(cause, RigEffect):
         return []
     held = {field.name for field in fields(cause)} - {*cause.chosen}
-    return [s.name for s in cause.shapes if s.name in held and isinstance(x := getattr(cause, s.name), float) and x]
+    return [
+        s.name
+        for s in cause.shapes
+        if s.name in held and isinstance(x := getattr(cause, s.name), float) and x
+    ]
 
 
 def move_shape(cause: Cause, name: str, factor: float) -> Cause | None:
@@ -82,7 +91,9 @@ def move_shape(cause: Cause, name: str, factor: float) -> Cause | None:
     An angle of either sign has no size to be multiplied: it is moved by the factor's logarithm, in rad.
     """
     shape = next(s for s in cause.shapes if s.name == name)
-    value = getattr(cause, name) * factor if shape.lower >= 0 else getattr(cause, name) + log(factor)
+    value = (
+        getattr(cause, name) * factor if shape.lower >= 0 else getattr(cause, name) + log(factor)
+    )
     return cause.moved(name, value) if shape.lower <= value <= shape.upper else None
 
 
@@ -100,4 +111,6 @@ def same(a: Cause, b: Cause) -> bool:
 def form(cause: Cause) -> tuple[object, ...]:
     """What of a cause is chosen rather than measured: a stiffening spring, an exponent, a shape left at zero."""
     held = [(f.name, getattr(cause, f.name)) for f in fields(cause) if not cause.pieces]
-    return tuple(x == 0.0 if isinstance(x, float) and name not in cause.chosen else x for name, x in held)
+    return tuple(
+        x == 0.0 if isinstance(x, float) and name not in cause.chosen else x for name, x in held
+    )

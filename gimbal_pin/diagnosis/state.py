@@ -64,7 +64,9 @@ class Problem:
     rigid: Array
     motion: RigidColumns
     luck: float = LUCK
-    kept: dict[Effect, tuple[Array, list[Array]]] = field(default_factory=dict, init=False, repr=False)
+    kept: dict[Effect, tuple[Array, list[Array]]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     __repr__ = brief
 
@@ -83,11 +85,16 @@ class Problem:
         """
         now = solve_causes(self, ())
         slow = solve_causes(
-            Problem.of(self.evidence.low_pass_motion(MotionNoise.cutoff), self.reduction), (), now, keep=True
+            Problem.of(self.evidence.low_pass_motion(MotionNoise.cutoff), self.reduction),
+            (),
+            now,
+            keep=True,
         )
         figures = np.zeros((self.evidence.rig.n, now.fit.stack.shape[1]))
         figures[:, : self.motion.inertia.shape[1]] = self.motion.inertia
-        return compare_instruments(now.fit.stack, slow.fit.stack, now.fit.target, now.fit.block, figures)
+        return compare_instruments(
+            now.fit.stack, slow.fit.stack, now.fit.target, now.fit.block, figures
+        )
 
     @cached_property
     def friction(self) -> tuple[Effect, ...]:
@@ -102,14 +109,20 @@ class Problem:
 
     def plain(self, effect: Effect, load: Load) -> list[Array]:
         """Return a torque effect's columns at its joint as they are, (m, c) per part."""
-        return compute_plain_columns(self.evidence, effect, load) if reads_fit(effect) else self.built(effect, load)[1]
+        return (
+            compute_plain_columns(self.evidence, effect, load)
+            if reads_fit(effect)
+            else self.built(effect, load)[1]
+        )
 
     def built(self, effect: Effect, load: Load) -> tuple[Array, list[Array]]:
         """Return both for an effect that reads nothing but the log: built once, the last ones kept."""
         if effect not in self.kept:
             while len(self.kept) >= CACHED_EFFECTS:
                 del self.kept[next(iter(self.kept))]
-            values = build_columns(self.evidence, effect, load.stand, load, self.evidence.torque).values
+            values = build_columns(
+                self.evidence, effect, load.stand, load, self.evidence.torque
+            ).values
             self.kept[effect] = values, compute_plain_columns(self.evidence, effect, load)
         return self.kept[effect]
 
@@ -171,7 +184,9 @@ class State:
         theta = known.fit.theta
         dry = [c for c in known.causes if isinstance(c, Effect) and is_motor_friction(c)]
         at = len(problem.reduction.independent)
-        friction = [(effect, theta[at + k : at + k + 1]) for k, effect in enumerate(problem.friction)]
+        friction = [
+            (effect, theta[at + k : at + k + 1]) for k, effect in enumerate(problem.friction)
+        ]
         braked: list[Array] = [np.zeros(x.shape) for x in self.acting]
         for effect, values in [*friction, *((c, known.coefficients(c)) for c in dry)]:
             j = evidence.rig.joint_index(effect.joint)
@@ -179,15 +194,20 @@ class State:
                 brake[:, j] += columns @ values
         accelerated = zip(problem.motion.full, problem.motion.resting, problem.motion.rotors)
         inertial = [(x - y) @ theta[:at] + rotor for x, y, rotor in accelerated]
-        totals = self.torque if self.learned else [x - y for x, y in zip(self.acting, self.unexplained)]
+        totals = (
+            self.torque if self.learned else [x - y for x, y in zip(self.acting, self.unexplained)]
+        )
         loads = [total - brake - x for total, brake, x in zip(totals, braked, inertial)]
         rows = [
-            (x, y, z, part.channels.tau, part.still) for x, y, z, part in zip(braked, loads, inertial, evidence.parts)
+            (x, y, z, part.channels.tau, part.still)
+            for x, y, z, part in zip(braked, loads, inertial, evidence.parts)
         ]
         return [
             [
                 JointLoad.along(x[:, j], y[:, j], tau[:, j], still[:, j], z[:, j], asked)
-                for (x, y, z, tau, still), asked in zip(rows, problem.motion.couple_joints(j, theta[:at]))
+                for (x, y, z, tau, still), asked in zip(
+                    rows, problem.motion.couple_joints(j, theta[:at])
+                )
             ]
             for j in range(evidence.rig.n)
         ]
@@ -242,7 +262,9 @@ class State:
             power = average_power(part.transform(np.stack(every).T, joint))
             share = np.minimum(ratio(power[3], power[1]), ratio(power[2], power[0]))
             if signal.springy:
-                shaken = np.minimum(part.shaken[joint] * part.whitener[joint] ** 2, 1.0)[: len(share)]
+                shaken = np.minimum(part.shaken[joint] * part.whitener[joint] ** 2, 1.0)[
+                    : len(share)
+                ]
                 share += shaken * (ratio(power[4], power[1]) - share)
             shares.append(np.pad(share, (0, part.whitener.shape[1] - len(share)), mode="edge"))
         return shares
@@ -250,9 +272,14 @@ class State:
     @cached_property
     def noise(self) -> list[Array]:
         """Noise with the phases of what is unexplained and the spectrum that whitening makes flat, N m, (m, n) each."""
-        return [imitate_noise(part, left) for part, left in zip(self.problem.evidence.parts, self.unexplained)]
+        return [
+            imitate_noise(part, left)
+            for part, left in zip(self.problem.evidence.parts, self.unexplained)
+        ]
 
-    def columns(self, cause: Cause, torque: list[Array] | None = None, bearing: Bearing | None = None) -> Columns:
+    def columns(
+        self, cause: Cause, torque: list[Array] | None = None, bearing: Bearing | None = None
+    ) -> Columns:
         """What a cause would add; a drive's signal acts on these torques, N m, (m, n) per part, or on `acting`."""
         bearing = bearing or self.bearing_for(cause, self.acting)
         acts_on = self.acting if torque is None else torque
@@ -283,7 +310,10 @@ class State:
                 brakes = [brake + x[:, 0] * value for brake, x in zip(brakes, columns)]
         inertial = [x @ beta + rotor[:, j] for x, rotor in zip(own, self.problem.motion.rotors)]
         rows = zip(brakes, loads, inertial, torque, evidence.parts)
-        return [JointLoad.along(x, y @ beta, tau[:, j], part.still[:, j], z) for x, y, z, tau, part in rows]
+        return [
+            JointLoad.along(x, y @ beta, tau[:, j], part.still[:, j], z)
+            for x, y, z, tau, part in rows
+        ]
 
     def swung(self, spring: Signal, torque: list[Array]) -> tuple[Array, Array]:
         """``argmin ‖τ - felt(0, I_a a) - felt(load, inertial) β - friction φ - ringing c‖``: β, (b,), and φ, (f,).
@@ -303,7 +333,10 @@ class State:
         felt = [spring.felt(load, inertial, part.dt) for part, load, inertial in rows]
         swings = [spring.swings(part.dt, len(load)) for part, load, _ in rows]
         # Every part begins with a swing of its own.
-        begun = [np.hstack([x if k == i else 0 * x for i in range(len(swings))]) for k, x in enumerate(swings)]
+        begun = [
+            np.hstack([x if k == i else 0 * x for i in range(len(swings))])
+            for k, x in enumerate(swings)
+        ]
         columns = np.hstack([evidence.whiten(felt, j), beside, evidence.whiten(begun, j)])
         rotors = [x[:, [j]] for x in self.problem.motion.rotors]
         known = [spring.felt(0 * x, x, part.dt)[:, 0] for x, part in zip(rotors, evidence.parts)]
@@ -330,7 +363,10 @@ def average_power(spectrum: Array) -> Array:
     """Mean power of some spectra, (k, f), over each few frequencies inside the band, (k, f')."""
     inside = int(UNFADED_SHARE * spectrum.shape[1]) // AVERAGED_FREQUENCIES * AVERAGED_FREQUENCIES
     return np.asarray(
-        np.mean(np.abs(spectrum[:, :inside].reshape(len(spectrum), -1, AVERAGED_FREQUENCIES)) ** 2, axis=2)
+        np.mean(
+            np.abs(spectrum[:, :inside].reshape(len(spectrum), -1, AVERAGED_FREQUENCIES)) ** 2,
+            axis=2,
+        )
     )
 
 
@@ -345,16 +381,24 @@ def imitate_noise(part: LogStretch, left: Array) -> Array:
     spectrum = fft.rfft(left, axis=0)
     gain = part.whitener.T
     size = np.zeros(spectrum.shape)
-    size[: len(gain)] = np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 1e-3 * gain.max(axis=0))
-    return np.asarray(fft.irfft(spectrum / np.maximum(np.abs(spectrum), 1e-300) * size, len(left), axis=0))
+    size[: len(gain)] = np.divide(
+        1.0, gain, out=np.zeros_like(gain), where=gain > 1e-3 * gain.max(axis=0)
+    )
+    return np.asarray(
+        fft.irfft(spectrum / np.maximum(np.abs(spectrum), 1e-300) * size, len(left), axis=0)
+    )
 
 
 def width(cause: Cause) -> int:
     """Coefficients that a cause adds to theta."""
-    return len(cause.coefficients) if isinstance(cause, Effect) else int(isinstance(cause, RigEffect))
+    return (
+        len(cause.coefficients) if isinstance(cause, Effect) else int(isinstance(cause, RigEffect))
+    )
 
 
-def solve_causes(problem: Problem, causes: Sequence[Cause], before: State | None = None, keep: bool = False) -> State:
+def solve_causes(
+    problem: Problem, causes: Sequence[Cause], before: State | None = None, keep: bool = False
+) -> State:
     """Refit everything with these causes.
 
     Args:
@@ -369,12 +413,21 @@ def solve_causes(problem: Problem, causes: Sequence[Cause], before: State | None
     acting = evidence.torque
     for cause in causes:
         if isinstance(cause, Signal):
-            acting = apply_signal(evidence, cause, acting, before.bearing_for(cause, acting) if before else None)
+            acting = apply_signal(
+                evidence, cause, acting, before.bearing_for(cause, acting) if before else None
+            )
     b = evidence.whiten_all([x - rotor for x, rotor in zip(acting, problem.motion.rotors)])
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
     built = (problem.build(c, build_stand(rig, causes, c), load, acting) for c in effects)
     A = np.concatenate([problem.rigid, *built], axis=2)
-    now = fit(A, b, evidence.used, evidence.block, before.fit.scale if before and keep else None, problem.luck)
+    now = fit(
+        A,
+        b,
+        evidence.used,
+        evidence.block,
+        before.fit.scale if before and keep else None,
+        problem.luck,
+    )
     total = predict_torque(problem, effects, now.theta, load)
     unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
     rig = refit_rig(problem, now.theta)
@@ -382,7 +435,9 @@ def solve_causes(problem: Problem, causes: Sequence[Cause], before: State | None
     return State(problem, tuple(causes), now, rig, total, acting, unexplained, alike)
 
 
-def apply_signal(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> list[Array]:
+def apply_signal(
+    evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None
+) -> list[Array]:
     """Let a drive's signal act on the torques of its joint."""
     j = evidence.rig.joint_index(signal.joint)
     borne = [None] * len(torque) if bearing is None else bearing
@@ -394,14 +449,20 @@ def refit_rig(problem: Problem, theta: Array) -> Rig:
     rig = problem.evidence.rig
     reduction = problem.reduction
     phi = rig.phi.copy()
-    phi[find_base_columns(rig, reduction)] += theta[: len(reduction.independent)] - given_beta(rig, reduction)
+    phi[find_base_columns(rig, reduction)] += theta[: len(reduction.independent)] - given_beta(
+        rig, reduction
+    )
     return rig.with_phi(phi)
 
 
-def predict_torque(problem: Problem, effects: Sequence[Cause], theta: Array, load: Load) -> list[Array]:
+def predict_torque(
+    problem: Problem, effects: Sequence[Cause], theta: Array, load: Load
+) -> list[Array]:
     """The model's total torque at full rate, N m, (m, n) per part."""
     width_ = len(problem.reduction.independent)
-    out: list[Array] = [x @ theta[:width_] + y for x, y in zip(problem.motion.full, problem.motion.rotors)]
+    out: list[Array] = [
+        x @ theta[:width_] + y for x, y in zip(problem.motion.full, problem.motion.rotors)
+    ]
     at = width_
     for effect in effects:
         size = width(effect)
@@ -429,8 +490,14 @@ def solve_consistently(state: State) -> State:
             break
         before = state
         state = solve_causes(state.problem, causes, state)
-        settled = (is_near(new, old, SETTLED_CHANGE) for new, old in zip(state.torque, before.torque))
-        if causes == before.causes and all(settled) and is_near(state.fit.dispersion, before.fit.dispersion, FITTED):
+        settled = (
+            is_near(new, old, SETTLED_CHANGE) for new, old in zip(state.torque, before.torque)
+        )
+        if (
+            causes == before.causes
+            and all(settled)
+            and is_near(state.fit.dispersion, before.fit.dispersion, FITTED)
+        ):
             break
     return state
 
@@ -439,7 +506,9 @@ def reads_fit(cause: Cause) -> bool:
     """Whether what a cause is built from changes with what is fitted: a torque, or inertias that are turned by much."""
     if isinstance(cause, RigEffect):
         return cause.angle >= BENT
-    return (isinstance(cause, Effect) and cause.loaded) or (isinstance(cause, Signal) and cause.geared)
+    return (isinstance(cause, Effect) and cause.loaded) or (
+        isinstance(cause, Signal) and cause.geared
+    )
 
 
 def build_stand(rig: Rig, causes: Sequence[Cause], before: Cause | None = None) -> Stand:
@@ -458,7 +527,10 @@ def aim_turn(state: State, cause: Cause) -> Cause:
     if value == 0:  # nothing of it shows: a change of no size at all has no direction either
         return cause
     other = resize(cause, value)
-    if abs(value - get_magnitude(cause)) < AIMED * abs(value) or max(cause.angle, other.angle) < BENT:
+    if (
+        abs(value - get_magnitude(cause)) < AIMED * abs(value)
+        or max(cause.angle, other.angle) < BENT
+    ):
         return cause
     return other
 
@@ -471,4 +543,6 @@ def resize(cause: RigEffect, value: float) -> RigEffect:
 
 def refit_without(state: State, cause: Cause) -> State:
     """Refit without a cause, the joints weighted as before."""
-    return solve_causes(state.problem, tuple(c for c in state.causes if c is not cause), state, keep=True)
+    return solve_causes(
+        state.problem, tuple(c for c in state.causes if c is not cause), state, keep=True
+    )

@@ -31,8 +31,13 @@ def label_clusters(evidence: Evidence) -> tuple[Labels, ...]:
 
     Time holds all joints together; a bin of the state is one joint's own.
     """
-    rows = [(part.channels, np.arange(part.rows) * len(part.gate) // part.rows) for part in evidence.parts]
-    angle, rate = (np.concatenate([getattr(channels, name)[at] for channels, at in rows]) for name in "qv")
+    rows = [
+        (part.channels, np.arange(part.rows) * len(part.gate) // part.rows)
+        for part in evidence.parts
+    ]
+    angle, rate = (
+        np.concatenate([getattr(channels, name)[at] for channels, at in rows]) for name in "qv"
+    )
     return np.repeat(evidence.block, evidence.rig.n), bin_rows(angle), bin_rows(np.abs(rate))
 
 
@@ -43,7 +48,9 @@ def bin_rows(x: Array, count: int = 10) -> Labels:
     return np.stack(each, axis=1).ravel()
 
 
-def cluster_covariance(basis: Array, residual: Array, labels: Sequence[Labels], width: int) -> Array:
+def cluster_covariance(
+    basis: Array, residual: Array, labels: Sequence[Labels], width: int
+) -> Array:
     """``V_1 + Σ_k (V_k - V_1)₊`` of the first coordinates in an orthonormal basis, (width, width).
 
     Clustering in several ways at once (Cameron, Gelbach and Miller, Robust inference with multiway clustering, J. Bus.
@@ -71,7 +78,9 @@ def compute_clustered(basis: Array, residual: Array, label: Labels, width: int) 
     moved = []
     for own, left in zip(np.split(basis[order], ends), np.split(residual[order], ends)):
         known, turned = np.linalg.eigh(own.T @ own)
-        moved.append(turned[:width] @ ((turned.T @ (own.T @ left)) / np.sqrt(np.maximum(1.0 - known, 0.01))))
+        moved.append(
+            turned[:width] @ ((turned.T @ (own.T @ left)) / np.sqrt(np.maximum(1.0 - known, 0.01)))
+        )
     return np.asarray(len(moved) / max(len(moved) - 1, 1) * np.transpose(moved) @ moved)
 
 
@@ -91,8 +100,14 @@ def estimate_figures(state: State, cause: Cause) -> tuple[Parameter, ...]:
     """
     final, values = find_settled(state, cause)
     spread = compute_figures_covariance(state, cause)
-    turned = [shape.name for shape in cause.shapes if isinstance(cause, RigEffect) and getattr(cause, shape.name)]
-    shapes = dict(zip(turned or shape_names(cause), np.sqrt(np.diag(spread)[len(values) :]).tolist()))
+    turned = [
+        shape.name
+        for shape in cause.shapes
+        if isinstance(cause, RigEffect) and getattr(cause, shape.name)
+    ]
+    shapes = dict(
+        zip(turned or shape_names(cause), np.sqrt(np.diag(spread)[len(values) :]).tolist())
+    )
     shown = final.shown(values, spread[: len(values), : len(values)])
     return tuple(replace(p, std=shapes.get(p.name, p.std)) for p in shown)
 
@@ -122,7 +137,9 @@ def compute_figures_covariance(state: State, cause: Cause) -> Array:
     direction which it does not.
     """
     base = refit_without(state, cause)
-    if isinstance(cause, Signal):  # what it changes is the torque before it, by as much as its shape says
+    if isinstance(
+        cause, Signal
+    ):  # what it changes is the torque before it, by as much as its shape says
         columns = compute_tangent(base, cause, np.ones(1))[..., 1:]
     else:
         columns = compute_tangent(state, cause, state.coefficients(cause))
@@ -133,7 +150,9 @@ def compute_figures_covariance(state: State, cause: Cause) -> Array:
     own, sizes, turned = np.linalg.svd(np.where(shown, rest / unit, 0.0), full_matrices=False)
     held = sizes > 1e-5 * sizes[0]
     basis = np.hstack([own[:, held], base.fit.basis])
-    spread = cluster_covariance(basis, state.fit.residual, label_clusters(state.problem.evidence), int(held.sum()))
+    spread = cluster_covariance(
+        basis, state.fit.residual, label_clusters(state.problem.evidence), int(held.sum())
+    )
     back = turned[held].T / sizes[held] / unit[:, None]
     free = np.any(np.abs(turned[~held]) > 0.1, axis=0)
     return np.where(free[:, None] | free, np.nan, back @ spread @ back.T)
@@ -153,7 +172,9 @@ def compute_tangent(state: State, cause: Cause, weights: Array) -> Array:
     for name in shape_names(cause):
         value = getattr(cause, name)
         step = 0.02 * abs(value)
-        other = cause.altered(**{name: value + step if value + step <= upper[name] else value - step})
+        other = cause.altered(
+            **{name: value + step if value + step <= upper[name] else value - step}
+        )
         slope = state.columns(other).values - now
         slope = np.where(np.abs(slope) > UNCHANGED_SHARE * np.max(np.abs(now)), slope, 0.0)
         columns.append((slope @ weights)[:, :, None] / (getattr(other, name) - value))

@@ -46,7 +46,10 @@ def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
     added = tuple(cause for cause in causes if isinstance(cause, Term))
     bristled = {term.effect.joint for term in added if term.effect.bristly and any(term.values)}
     bent = {effect for effect in build_friction_effects(sorted(bristled)) if effect.dry}
-    terms = (*(replace(term, values=(0.0,)) if term.effect in bent else term for term in model.terms), *added)
+    terms = (
+        *(replace(term, values=(0.0,)) if term.effect in bent else term for term in model.terms),
+        *added,
+    )
     plant = replace(model, rig=rig, terms=terms, estimated=None, changes=(*model.changes, *changes))
     _check_dissipation(plant)
     return Altered(plant, tuple(cause for cause in causes if isinstance(cause, Signal)))
@@ -59,17 +62,25 @@ def _check_dissipation(plant: Model) -> None:
     do so, and what pushes would drive the joint by itself.
     """
     q = np.repeat(np.linspace(-np.pi, np.pi, 2001)[:, None], plant.rig.n, axis=1)
-    friction = replace(plant, terms=tuple(term for term in plant.terms if _is_friction(term.effect)), changes=())
+    friction = replace(
+        plant, terms=tuple(term for term in plant.terms if _is_friction(term.effect)), changes=()
+    )
     fastest = np.minimum([limits.velocity for limits in plant.rig.limits], FASTEST_RATE)
     zero = np.zeros_like(q)
-    for t, share, way in product((0.0, 1e6), (0.0, *np.geomspace(1e-3, 1.0, RATES_TRIED)), (1.0, -1.0)):
+    for t, share, way in product(
+        (0.0, 1e6), (0.0, *np.geomspace(1e-3, 1.0, RATES_TRIED)), (1.0, -1.0)
+    ):
         v = way * share * fastest
-        least = (way * friction.passive(q, zero + v, zero, way + zero, zero, np.full(len(q), t))).min(axis=0)
+        least = (
+            way * friction.passive(q, zero + v, zero, way + zero, zero, np.full(len(q), t))
+        ).min(axis=0)
         for joint, rate, level in zip(plant.rig.joints, v.tolist(), least.tolist()):
             if level < -1e-9:
                 where = f"at {rate:.3g} rad/s" if share else "somewhere"
                 what = f"has a {'' if share else 'dry '}friction of {level:.3g} N m {where}: it would push"
-                raise UsageError(f"joint {joint}", what, "plant less of it, or more Coulomb friction")
+                raise UsageError(
+                    f"joint {joint}", what, "plant less of it, or more Coulomb friction"
+                )
 
 
 def _is_friction(effect: Effect) -> bool:

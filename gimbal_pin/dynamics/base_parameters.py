@@ -64,10 +64,13 @@ def compute_base(rig: Rig, diagonal: bool = False) -> Base:
     """Return the base parameters of a rig, of full inertias or of diagonal ones without masses as in the thesis."""
     reduction = reduce_parameters(rig, diagonal)
     moving = {
-        motion: _find_added_sums(reduction, reduce_parameters(rig, diagonal, motion)) for motion in BASE_MOTIONS[1:]
+        motion: _find_added_sums(reduction, reduce_parameters(rig, diagonal, motion))
+        for motion in BASE_MOTIONS[1:]
     }
     friction = [
-        f"{effect.joint}.{c.name}" for effect in build_friction_effects(rig.joints) for c in effect.coefficients
+        f"{effect.joint}.{c.name}"
+        for effect in build_friction_effects(rig.joints)
+        for c in effect.coefficients
     ]
     return Base(
         rig=rig.name,
@@ -80,4 +83,6 @@ def compute_base(rig: Rig, diagonal: bool = False) -> Base:
 
 def _find_added_sums(fixed: Reduction, moving: Reduction) -> tuple[Mapping[str, float], ...]:
     """Return the base parameters that a motion of the base adds: each is led by a column that was not there before."""
-    return tuple(terms for j, terms in zip(moving.independent, moving.terms) if j not in fixed.independent)
+    return tuple(
+        terms for j, terms in zip(moving.independent, moving.terms) if j not in fixed.independent
+    )

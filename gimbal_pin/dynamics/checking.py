@@ -92,7 +92,16 @@ class Checked(Record):
 def check(rig: Rig) -> Checked:
     """Describe a rig that loaded, and so passed the checks of tree, axes, limits and inertias (`Rig.load`)."""
     load = compute_gravity_load(rig)
-    rows = zip(rig.joints, rig.links, rig.slides, rig.model.inertias[1:], rig.limits, rig.motors, rig.tau_max, load)
+    rows = zip(
+        rig.joints,
+        rig.links,
+        rig.slides,
+        rig.model.inertias[1:],
+        rig.limits,
+        rig.motors,
+        rig.tau_max,
+        load,
+    )
     joints = {
         joint: JointCheck(
             link=link,
@@ -128,10 +137,15 @@ def check(rig: Rig) -> Checked:
 def list_bundled() -> dict[str, Any]:
     """Return the bundled rigs and payloads with their descriptions, as JSON holds them."""
     bodies = {name: find_rig(name)[1] for name in bundled_rigs()}
-    loads = {name: load_config(find_payload(name).with_suffix(".yaml")) for name in bundled_payloads()}
+    loads = {
+        name: load_config(find_payload(name).with_suffix(".yaml")) for name in bundled_payloads()
+    }
     return {
         "schema": 1,
-        "rigs": {name: {"payload": rig.payload, "description": rig.description} for name, rig in bodies.items()},
+        "rigs": {
+            name: {"payload": rig.payload, "description": rig.description}
+            for name, rig in bodies.items()
+        },
         "payloads": {name: {"description": config.description} for name, config in loads.items()},
     }
 
@@ -161,7 +175,11 @@ def _warn_of_joints(joints: Mapping[str, JointCheck]) -> list[str]:
                 if share < 1
                 else "correct mass (kg), centre (m) or torque limit (N m), or balance"
             )
-            out.append(f"{name}: gravity takes up to {100 * share:.0f} % of the motor's torque: {mend}")
+            out.append(
+                f"{name}: gravity takes up to {100 * share:.0f} % of the motor's torque: {mend}"
+            )
         if np.isinf(joint.tau_max):
-            out.append(f"{name}: no torque limit is stated: give effort in the URDF or tau_max in the YAML")
+            out.append(
+                f"{name}: no torque limit is stated: give effort in the URDF or tau_max in the YAML"
+            )
     return out

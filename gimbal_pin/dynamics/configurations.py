@@ -21,7 +21,9 @@ REFERENCE_STATES = 2000
 def spread_reference_states(rig: Rig) -> Motion:
     """States spread evenly over the rig's own limits, (REFERENCE, n); not a motion in time."""
     ends = np.array([fill_angle_limits(rig, j, limit) for j, limit in enumerate(rig.limits)])
-    velocity, acceleration = (np.array([getattr(x, name) for x in rig.limits]) for name in ("velocity", "acceleration"))
+    velocity, acceleration = (
+        np.array([getattr(x, name) for x in rig.limits]) for name in ("velocity", "acceleration")
+    )
     return fill_limits(ends.mean(axis=1), (ends[:, 1] - ends[:, 0]) / 2, velocity, acceleration)
 
 
@@ -52,7 +54,11 @@ def fill_angle_limits(rig: Rig, j: int, limit: Limits) -> tuple[float, float]:
     if isfinite(limit.lower) and isfinite(limit.upper):
         return limit.lower, limit.upper
     if rig.slides[j]:
-        raise UsageError(f"rig {rig.name}: joint '{rig.joints[j]}'", "slides without limits", "state its travel, m")
+        raise UsageError(
+            f"rig {rig.name}: joint '{rig.joints[j]}'",
+            "slides without limits",
+            "state its travel, m",
+        )
     if isfinite(limit.upper):
         return limit.upper - 2 * TURN, limit.upper
     return (limit.lower, limit.lower + 2 * TURN) if isfinite(limit.lower) else (-TURN, TURN)
@@ -63,4 +69,6 @@ def compute_roberts_sequence(dimensions: int, count: int) -> Array:
     root = 2.0
     for _ in range(64):
         root = (1 + root) ** (1 / (dimensions + 1))
-    return 2 * (np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, dimensions + 1)) % 1.0) - 1
+    return (
+        2 * (np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, dimensions + 1)) % 1.0) - 1
+    )

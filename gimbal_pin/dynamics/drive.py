@@ -18,7 +18,9 @@ from gimbal_pin.rig.rig import Rig
 class Drive:
     """The drives of all joints: commands in, acting torques out, with the memory of the signals in between."""
 
-    def __init__(self, signals: Sequence[Signal], rig: Rig, dt: float, plant: Model | None = None) -> None:
+    def __init__(
+        self, signals: Sequence[Signal], rig: Rig, dt: float, plant: Model | None = None
+    ) -> None:
         """Start every signal at rest; `plant`: whose friction stands before a gap, None: nobody's."""
         self.dt, self.plant = dt, plant
         self.chain = [(rig.joint_index(signal.joint), signal) for signal in signals]
@@ -33,7 +35,9 @@ class Drive:
             given = float(out[j])
             load = None
             if signal.geared and self.plant is not None and state is not None:
-                load = compute_joint_load(self.plant, j, state, given, signal.leaning(self.memory[i]))
+                load = compute_joint_load(
+                    self.plant, j, state, given, signal.leaning(self.memory[i])
+                )
             beside = 0.0 if load is None else float(signal.beside(load))
             self.memory[i], passed = signal.step(self.memory[i], given + beside, self.dt)
             out -= signal.spread(given + beside - passed, j, len(out), load)
@@ -49,10 +53,15 @@ def compute_joint_load(
     """
     q = float(state.q[joint])
     rate = float(state.v[joint])
-    push = compute_coupling(compute_inertia_column(plant.rig, state.q[None], joint)[0], joint, plant.armature[joint])
+    push = compute_coupling(
+        compute_inertia_column(plant.rig, state.q[None], joint)[0], joint, plant.armature[joint]
+    )
     terms = [term for term in plant.by_joint[joint] if is_motor_friction(term.effect)]
     asked = float(plant.inverse(state.q[None], state.v[None], 0.0 * state.v[None])[0, joint])
-    slides = [float(sum(t.torque(Sample(0.0, q, rate, 0.0, way, 0.0)) for t in terms)) for way in (-1.0, 1.0)]
+    slides = [
+        float(sum(t.torque(Sample(0.0, q, rate, 0.0, way, 0.0)) for t in terms))
+        for way in (-1.0, 1.0)
+    ]
     if rate:
         brake = slides[rate > 0]
         return JointLoad(brake, asked - brake, across=push)

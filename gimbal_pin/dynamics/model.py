@@ -124,7 +124,11 @@ class Model(Record):
         plain = {kind.name for kind in ALWAYS}
         causes = (*(term.effect for term in self.terms), *self.drive, *self.changes)
         beside = [f"{cause.name} at {cause.place}" for cause in causes if cause.name not in plain]
-        known = "as stated" if self.estimated is None else f"{len(self.estimated.names)} parameters identified"
+        known = (
+            "as stated"
+            if self.estimated is None
+            else f"{len(self.estimated.names)} parameters identified"
+        )
         return ", ".join([f"model of {self.rig.title}: {known}", *beside])
 
     def to_dict(self) -> dict[str, Any]:
@@ -157,7 +161,10 @@ class Model(Record):
     @cached_property
     def drives(self) -> tuple[tuple[Signal, ...], ...]:
         """The signals of each joint's drive, (n)."""
-        return tuple(tuple(signal for signal in self.drive if signal.joint == joint) for joint in self.rig.joints)
+        return tuple(
+            tuple(signal for signal in self.drive if signal.joint == joint)
+            for joint in self.rig.joints
+        )
 
     def late(self, dt: float) -> tuple[float, ...]:
         """Time by which each drive acts late, s, (n): the sum of its signals'; `dt` is the sampling interval, s."""
@@ -166,13 +173,18 @@ class Model(Record):
     @cached_property
     def by_joint(self) -> tuple[tuple[Term, ...], ...]:
         """The terms that act on each joint, (n)."""
-        return tuple(tuple(term for term in self.terms if term.effect.joint == joint) for joint in self.rig.joints)
+        return tuple(
+            tuple(term for term in self.terms if term.effect.joint == joint)
+            for joint in self.rig.joints
+        )
 
     @cached_property
     def armature(self) -> Array:
         """Inertia that the terms add to `Rig.armature`, kg m², (n,): their torque per acceleration."""
         still, moving = (Sample(0.0, 0.0, 0.0, a, 0.0, 0.0) for a in (0.0, 1.0))
-        per_joint = [sum(t.torque(moving) - t.torque(still) for t in terms) for terms in self.by_joint]
+        per_joint = [
+            sum(t.torque(moving) - t.torque(still) for t in terms) for terms in self.by_joint
+        ]
         return np.array(per_joint, dtype=np.float64)
 
     @cached_property
@@ -218,7 +230,10 @@ class Model(Record):
             platform: Motion of the base at the same samples; None: it stands upright.
             losses: What each motor turned into heat, (n); None: nobody knows.
         """
-        q, v, a = (to_rows(f"Model.inverse: {name}", x, self.rig.n) for name, x in (("q", q), ("v", v), ("a", a)))
+        q, v, a = (
+            to_rows(f"Model.inverse: {name}", x, self.rig.n)
+            for name, x in (("q", q), ("v", v), ("a", a))
+        )
         direction = np.sign(v) if slide is None else slide
         carrier = platform if t is None else self.carried(t, platform)
         rigid = compute_rnea(self.rig, q, v, a, carrier)
@@ -258,7 +273,13 @@ class Model(Record):
         return out
 
     def level(
-        self, q: Array, v: Array, a: Array, tau: Array, t: Array | None = None, slide: Array | None = None
+        self,
+        q: Array,
+        v: Array,
+        a: Array,
+        tau: Array,
+        t: Array | None = None,
+        slide: Array | None = None,
     ) -> Array:
         """Dry friction that each joint can bear, N m, (N, n), against a torque in the direction `slide`, ±1.
 
@@ -266,7 +287,9 @@ class Model(Record):
         """
         way = np.ones_like(q) if slide is None else slide
         dry = Model(self.rig, tuple(term for term in self.terms if term.effect.dry))
-        return way * (dry.passive(q, v, a, way, tau, t) - dry.passive(q, v, a, np.zeros_like(q), tau, t))
+        return way * (
+            dry.passive(q, v, a, way, tau, t) - dry.passive(q, v, a, np.zeros_like(q), tau, t)
+        )
 
 
 def _solve_implicit_torque(total: Callable[[Array], Array], start: Array) -> Array:
@@ -310,7 +333,9 @@ def read_model_data(data: Any, rig: Rig, place: str = "model") -> Model:
         changes = tuple(cause for cause in causes if isinstance(cause, RigEffect))
         if len(drive) + len(changes) < len(causes):
             mend = "write it with 'gimbal-pin diagnose'"
-            raise ModelError("drive or changes", "hold a torque effect, which belongs to the terms", mend)
+            raise ModelError(
+                "drive or changes", "hold a torque effect, which belongs to the terms", mend
+            )
         for cause in (*drive, *(term.effect for term in terms)):
             rig.joint_index(cause.place)
         rig = replace_bodies(rig, np.array(filed.phi))
@@ -333,7 +358,11 @@ def replace_bodies(rig: Rig, phi: Array) -> Rig:
         raise ModelError("phi", f"has {len(phi)} values", f"give ten for each of {rig.n} joints")
     out = rig.with_phi(phi)
     if not is_inertia_positive(out):
-        raise ModelError("phi", "gives the joints an inertia that is not positive at some pose", "identify it again")
+        raise ModelError(
+            "phi",
+            "gives the joints an inertia that is not positive at some pose",
+            "identify it again",
+        )
     return out
 
 

@@ -48,7 +48,9 @@ class MovingBase:
         self.start = float(platform.t[0])
         self.step = float(platform.t[1] - platform.t[0])
         self.last = len(platform) - 1
-        self.samples = np.hstack([np.zeros_like(platform.w), platform.w, HEAVY * platform.f, HEAVY * platform.dw])
+        self.samples = np.hstack(
+            [np.zeros_like(platform.w), platform.w, HEAVY * platform.f, HEAVY * platform.dw]
+        )
         # The middle of a step is asked for twice, and its end again as the next one's start.
         self.near = -1
         self.row = _split_halves(self.samples[0])
@@ -65,7 +67,9 @@ class MovingBase:
         torque: list[float] = rnea(self.pin, self.data, self.q, self.v, self.drive).tolist()[6:]
         return torque
 
-    def accelerations(self, t: float, q: Sequence[float], v: Sequence[float], net: Sequence[float]) -> list[float]:
+    def accelerations(
+        self, t: float, q: Sequence[float], v: Sequence[float], net: Sequence[float]
+    ) -> list[float]:
         """Joint accelerations at time t, s, angles and rates, under the torques `net` on the rigid body, rad/s²."""
         rates, pushes = self.at(t)
         self.fill(*q, *rates, *v, *pushes, *net)
@@ -85,7 +89,9 @@ class MovingBase:
         middle = min(max(near, 1), self.last - 1)
         s = place - middle
         (before, here, after) = self.samples[middle - 1 : middle + 2]
-        return _split_halves(here + s * ((after - before) / 2 + s * (before - 2 * here + after) / 2))
+        return _split_halves(
+            here + s * ((after - before) / 2 + s * (before - 2 * here + after) / 2)
+        )
 
 
 def _split_halves(row: Array) -> _Halves:

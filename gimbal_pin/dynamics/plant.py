@@ -42,7 +42,9 @@ class State(NamedTuple):
     def lost(self) -> bool:
         """Whether an angle or rate is beyond `RUNAWAY_ANGLE` or `RUNAWAY_SPEED`, or not a number."""
         for angle, rate in zip(self.q.tolist(), self.v.tolist()):
-            if not (-RUNAWAY_ANGLE <= angle <= RUNAWAY_ANGLE and -RUNAWAY_SPEED <= rate <= RUNAWAY_SPEED):
+            if not (
+                -RUNAWAY_ANGLE <= angle <= RUNAWAY_ANGLE and -RUNAWAY_SPEED <= rate <= RUNAWAY_SPEED
+            ):
                 return True
         return False
 
@@ -88,10 +90,14 @@ class Plant:
         self.n = model.rig.n
         self.pin = model.rig.model.copy()
         self.pin.armature = self.pin.armature + model.armature
-        self.carrier = None if platform is None else MovingBase(model.rig, platform, self.pin.armature)
+        self.carrier = (
+            None if platform is None else MovingBase(model.rig, platform, self.pin.armature)
+        )
         self.data = self.pin.createData()
         # Friction of size zero does nothing: left in, it would stop its joint at every reversal and cost two orders.
-        self.friction = Resistance([[term for term in terms if any(term.values)] for terms in model.by_joint])
+        self.friction = Resistance(
+            [[term for term in terms if any(term.values)] for terms in model.by_joint]
+        )
         self.per_rate = self.friction.per_rate
         self.none = [0.0] * self.n
         # Pinocchio takes the thirds of one array as they are; packing floats into it takes half the time of `[:] =`.
@@ -116,7 +122,9 @@ class Plant:
         memory = state.memory or self.friction.start
         stops: list[int] = []
         while dt > 1e-9:
-            now = self.begin(t, q, v, memory, u, [j for j in stops if stops.count(j) > 1] if stops else ())
+            now = self.begin(
+                t, q, v, memory, u, [j for j in stops if stops.count(j) > 1] if stops else ()
+            )
             (q, v) = self.rk4(t, now, dt)
             share = 1.0
             stop = self.first_stop(now, v)
@@ -126,7 +134,9 @@ class Plant:
                 q, v = self.rk4(t, now, share * dt)
                 v[joint] = 0.0
             if memory:
-                memory = self.friction.warmed(self.friction.evolved(memory, now.q, q), u, share * dt)
+                memory = self.friction.warmed(
+                    self.friction.evolved(memory, now.q, q), u, share * dt
+                )
             t = t + share * dt
             dt = (1 - share) * dt
         return State(np.array(q), np.array(v), memory)
@@ -142,7 +152,13 @@ class Plant:
         return np.array(self.accelerations(t, now.q, now.v, now))
 
     def begin(
-        self, t: float, q: Floats, v: Floats, memory: EffectMemories, tau: Floats, held: Collection[int] = ()
+        self,
+        t: float,
+        q: Floats,
+        v: Floats,
+        memory: EffectMemories,
+        tau: Floats,
+        held: Collection[int] = (),
     ) -> Step:
         """Decide the contact at the start of a step; joints in `held` stick whatever holds them."""
         slide = [0.0] * self.n
@@ -175,7 +191,9 @@ class Plant:
             now = now._replace(slide=tuple(slide), stuck=tuple(sorted(stuck)), left=left)
         return now
 
-    def wrong(self, t: float, now: Step, body: BodyLists, resting: Sequence[int]) -> tuple[int, float] | None:
+    def wrong(
+        self, t: float, now: Step, body: BodyLists, resting: Sequence[int]
+    ) -> tuple[int, float] | None:
         """Return the first joint at rest in a mode that it cannot keep, and its other mode; None if none is."""
         moving, torques = self.constrained(t, now.q, now.v, now, body)
         holding = dict(zip(now.stuck, torques))
@@ -210,7 +228,9 @@ class Plant:
         """Torque that the rig asks for at rest, N m."""
         if self.carrier is not None:
             return self.carrier.bias(t, q, self.none)
-        weight: list[float] = pin.computeGeneralizedGravity(self.pin, self.data, np.array(q)).tolist()
+        weight: list[float] = pin.computeGeneralizedGravity(
+            self.pin, self.data, np.array(q)
+        ).tolist()
         return weight
 
     def accelerations(self, t: float, q: Floats, v: Floats, now: Step) -> list[float]:
@@ -282,5 +302,7 @@ def _solve_small_system(matrix: list[list[float]], right: list[float]) -> list[f
             right[k] -= factor * right[i]
     out = [0.0] * size
     for i in reversed(range(size)):
-        out[i] = (right[i] - sum([matrix[i][k] * out[k] for k in range(i + 1, size)])) / matrix[i][i]
+        out[i] = (right[i] - sum([matrix[i][k] * out[k] for k in range(i + 1, size)])) / matrix[i][
+            i
+        ]
     return out

@@ -41,7 +41,9 @@ class Reduction:
     @property
     def terms(self) -> tuple[dict[str, float], ...]:
         """Per base parameter, the parameters that it sums and their factors."""
-        return tuple({self.names[j]: float(row[j]) for j in np.flatnonzero(row)} for row in self.mixing)
+        return tuple(
+            {self.names[j]: float(row[j]) for j in np.flatnonzero(row)} for row in self.mixing
+        )
 
     @property
     def base_names(self) -> tuple[str, ...]:
@@ -56,7 +58,9 @@ class Reduction:
 
 def list_units(symbols: Sequence[str]) -> tuple[str, ...]:
     """SI units of inertial parameters by their symbols."""
-    return tuple({"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in symbols)
+    return tuple(
+        {"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in symbols
+    )
 
 
 def format_sum(terms: Mapping[str, float]) -> str:
@@ -113,7 +117,9 @@ def spread_states(rig: Rig, count: int = RANDOM_STATES) -> tuple[Array, Array, A
 
 def compute_kronecker_sequence(count: int, width: int, skip: int = 0) -> Array:
     """Multiples of the square roots of so many primes, without their integer part, in ±1/2, (count, width)."""
-    primes = [k for k in range(2, 600) if all(k % d for d in range(2, int(k**0.5) + 1))][skip : skip + width]
+    primes = [k for k in range(2, 600) if all(k % d for d in range(2, int(k**0.5) + 1))][
+        skip : skip + width
+    ]
     return np.outer(np.arange(1, count + 1), np.sqrt(primes)) % 1.0 - 0.5
 
 
@@ -126,10 +132,14 @@ def _spread_base_motions(rig: Rig, base: BaseMotion) -> Platform | None:
     return Platform(np.arange(float(RANDOM_STATES)), 20.0 * f, turns * 10.0 * w, turns * 50.0 * dw)
 
 
-def stack_regressors(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> tuple[Array, tuple[str, ...]]:
+def stack_regressors(
+    rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed"
+) -> tuple[Array, tuple[str, ...]]:
     """Return the regressor at `spread_states`, stacked, (SAMPLES n, p), and its columns' names."""
     names, places = name_columns(rig, diagonal)
-    matrix = compute_regressor(rig, *spread_states(rig), _spread_base_motions(rig, base))[:, :, places]
+    matrix = compute_regressor(rig, *spread_states(rig), _spread_base_motions(rig, base))[
+        :, :, places
+    ]
     return matrix.reshape(-1, len(places)), names
 
 

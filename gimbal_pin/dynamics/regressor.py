@@ -30,7 +30,12 @@ def name_columns(rig: Rig, diagonal: bool = False) -> tuple[tuple[str, ...], Arr
 
 
 def compute_regressor(
-    rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None, places: Array | None = None
+    rig: Rig,
+    q: Array,
+    v: Array,
+    a: Array,
+    platform: Platform | None = None,
+    places: Array | None = None,
 ) -> Array:
     """``Y`` with ``rnea(q, v, a) = Y phi + I_a a``, every sample in full; I_a is `Rig.armature`.
 
@@ -61,7 +66,9 @@ def compute_regressor(
         rows = BytesIO()
         for sample in zip(*(x[part] for x in states)):
             rows.write(compute(model, data, *sample))
-        np.frombuffer(rows.getbuffer()).reshape(-1, model.nv * width).take(entries, axis=1, out=out[part], mode="clip")
+        np.frombuffer(rows.getbuffer()).reshape(-1, model.nv * width).take(
+            entries, axis=1, out=out[part], mode="clip"
+        )
     return out.reshape(len(q), rig.n, len(chosen))
 
 
@@ -81,7 +88,9 @@ def compute_inertia_regressor(rig: Rig, q: Array, joint: int, places: Array | No
 
     Shape (N, n, 10 n).
     """
-    return compute_regressor(rig.weightless, q, np.zeros_like(q), _build_unit_acceleration(q, joint), places=places)
+    return compute_regressor(
+        rig.weightless, q, np.zeros_like(q), _build_unit_acceleration(q, joint), places=places
+    )
 
 
 def _build_unit_acceleration(q: Array, joint: int) -> Array:

@@ -42,7 +42,9 @@ class Sensors:
         """The rig's encoders and gyros sampled every `dt` s: a density d gives a standard deviation d/√(2 dt)."""
         rate = rig.config.noise.gyro / np.sqrt(2 * dt)
         steps = np.array([motor.encoder_step for motor in rig.motors])
-        return Sensors(steps, np.full(rig.n, rate), np.full(rig.n, torque_std), noise=rig.config.noise)
+        return Sensors(
+            steps, np.full(rig.n, rate), np.full(rig.n, torque_std), noise=rig.config.noise
+        )
 
     @cached_property
     def steps(self) -> list[float]:
@@ -54,19 +56,35 @@ class Sensors:
         """The angle as the encoder reports it, rad, (n,)."""
         if not self.steps:
             return q
-        return np.array([round(x / step) * step if step > 0 else x for x, step in zip(q.tolist(), self.steps)])
+        return np.array(
+            [round(x / step) * step if step > 0 else x for x, step in zip(q.tolist(), self.steps)]
+        )
 
 
 def measure_imus(
-    rig: Rig, sense: Sensors, t: Array, exact: Array, platform: Platform | None, rng: np.random.Generator
+    rig: Rig,
+    sense: Sensors,
+    t: Array,
+    exact: Array,
+    platform: Platform | None,
+    rng: np.random.Generator,
 ) -> dict[str, Imu]:
     """Return what the IMUs report along true angles and rates, (2, N, n); accelerations are the rates' differences."""
-    links = [link for link in dict.fromkeys((rig.base, *sense.imus)) if platform is not None or link in sense.imus]
+    links = [
+        link
+        for link in dict.fromkeys((rig.base, *sense.imus))
+        if platform is not None or link in sense.imus
+    ]
     if not links:
         return {}
     q, v = exact
     dt = float(t[1] - t[0])
     true = compute_imu_readings(
-        rig, links, q, v, np.gradient(v, dt, axis=0), Platform.still(t) if platform is None else platform
+        rig,
+        links,
+        q,
+        v,
+        np.gradient(v, dt, axis=0),
+        Platform.still(t) if platform is None else platform,
     )
     return {link: add_imu_noise(imu, sense.noise, dt, rng) for link, imu in true.items()}

@@ -17,7 +17,12 @@ from gimbal_pin.dynamics.plant import Plant, State
 from gimbal_pin.dynamics.sensors import Sensors, measure_imus
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError, visible
-from gimbal_pin.log.limited import THROUGH_STOPS, compute_limit_shares, describe_limits, describe_passed_stops
+from gimbal_pin.log.limited import (
+    THROUGH_STOPS,
+    compute_limit_shares,
+    describe_limits,
+    describe_passed_stops,
+)
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.mapping import list_encoder_sources
 from gimbal_pin.log.platform import Platform
@@ -46,7 +51,9 @@ class Controller(Protocol):
     def start(self) -> Any:
         """Return the memory before the first sample."""
 
-    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: Any) -> tuple[Array, Any]:
+    def torque(
+        self, t: float, q: Array, v: Array, reference: Reference, memory: Any
+    ) -> tuple[Array, Any]:
         """Return the torque for the sample measured at `t`, N m, (n,), within the limits, and the next memory."""
 
 
@@ -96,7 +103,11 @@ def simulate(
     dt = controller.dt
     t = reference.t
     if len(t) < 2 or not np.allclose(np.diff(t), dt, rtol=1e-6):
-        raise UsageError("reference", f"is not sampled every {dt:g} s", "resample it to the controller's interval")
+        raise UsageError(
+            "reference",
+            f"is not sampled every {dt:g} s",
+            "resample it to the controller's interval",
+        )
     rig = plant.rig
     sense = Sensors.of(plant.rig, dt) if sensors is None else sensors
     generator, seed = make_generator(rng)
@@ -109,12 +120,26 @@ def simulate(
     motors = Drive((*plant.drive, *drive), rig, dt, plant)
     state = State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start
     q, v, tau, true_q, true_v = run_loop(
-        system, motors, controller, reference, state, sense, rate_noise, delay, steps, rig.tau_max, name
+        system,
+        motors,
+        controller,
+        reference,
+        state,
+        sense,
+        rate_noise,
+        delay,
+        steps,
+        rig.tau_max,
+        name,
     )
     base = None if carried is None else carried.part(slice(0, None, 2 * steps))
     weak = describe_limits(compute_limit_shares(rig.joints, tau, rig.tau_max))
     lost = describe_passed_stops(rig.joints, true_q, *rig.stops)
-    events = [f"at the torque limit, where a joint follows no reference: {weak} of the time"] if weak else []
+    events = (
+        [f"at the torque limit, where a joint follows no reference: {weak} of the time"]
+        if weak
+        else []
+    )
     return Log(
         name=name,
         joints=rig.joints,
@@ -157,7 +182,9 @@ def run_loop(
     q, v, tau, true_q, true_v = (np.empty(reference.q.shape) for _ in range(5))
     memory = controller.start()
     pending: deque[Array] = deque([np.zeros(len(limit))] * delay)
-    rows = zip(t.tolist(), reference.q, reference.v, reference.a, q, v, tau, true_q, true_v, rate_noise)
+    rows = zip(
+        t.tolist(), reference.q, reference.v, reference.a, q, v, tau, true_q, true_v, rate_noise
+    )
     bar = tqdm(rows, visible(name), len(t), unit="sample", disable=None, leave=False, delay=2)
     for now, wanted_q, wanted_v, wanted_a, seen_q, seen_v, given, at_q, at_v, noise in bar:
         if state.lost:
@@ -165,7 +192,9 @@ def run_loop(
             raise UsageError(name, what, "lower the controller's bandwidth or its delay")
         at_q[:], at_v[:], seen_q[:] = state.q, state.v, sense.angle(state.q)
         np.add(state.v, noise, out=seen_v)
-        wanted, memory = controller.torque(now, seen_q, seen_v, Reference(wanted_q, wanted_v, wanted_a), memory)
+        wanted, memory = controller.torque(
+            now, seen_q, seen_v, Reference(wanted_q, wanted_v, wanted_a), memory
+        )
         pending.append(wanted)
         np.minimum(np.maximum(pending.popleft(), -limit), limit, out=given)
         acting = motors.acting(given, state)
@@ -183,5 +212,7 @@ def resample_halfway(platform: Platform, t: Array, steps: int = 1) -> Platform:
     step = float(t[1] - t[0])
     if platform.t[0] > t[0] + step / 2 or platform.t[-1] < t[-1] - step / 2:
         what = f"lasts from {platform.t[0]:g} to {platform.t[-1]:g} s, the reference from {t[0]:g} to {t[-1]:g} s"
-        raise UsageError("platform", what, "give a longer motion of the platform, or a shorter reference")
+        raise UsageError(
+            "platform", what, "give a longer motion of the platform, or a shorter reference"
+        )
     return platform.at(t[0] + step / 2 / steps * np.arange(2 * steps * (len(t) - 1) + 1))

@@ -24,13 +24,17 @@ from gimbal_pin.effects.encoder_offset import EncoderOffset as EncoderOffset
 from gimbal_pin.effects.friction_drift import FrictionDrift as FrictionDrift
 from gimbal_pin.effects.harmonic import Harmonic as Harmonic
 from gimbal_pin.effects.joint_flexibility import JointFlexibility as JointFlexibility
-from gimbal_pin.effects.load_dependent_friction import LoadDependentFriction as LoadDependentFriction
+from gimbal_pin.effects.load_dependent_friction import (
+    LoadDependentFriction as LoadDependentFriction,
+)
 from gimbal_pin.effects.losses import Losses as Losses
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia as OffDiagonalInertia
 from gimbal_pin.effects.parameter import Parameter as Parameter
 from gimbal_pin.effects.payload_mass import PayloadMass as PayloadMass
 from gimbal_pin.effects.payload_shift import PayloadShift as PayloadShift
-from gimbal_pin.effects.position_dependent_friction import PositionDependentFriction as PositionDependentFriction
+from gimbal_pin.effects.position_dependent_friction import (
+    PositionDependentFriction as PositionDependentFriction,
+)
 from gimbal_pin.effects.presliding import Presliding as Presliding
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag as QuadraticDrag
 from gimbal_pin.effects.resistance import Resistance as Resistance
@@ -69,7 +73,10 @@ CAUSES: Mapping[str, type[Cause]] = MappingProxyType(
     {
         kind.name: kind
         for kind in tuple(vars().values())
-        if isinstance(kind, type) and issubclass(kind, Cause) and hasattr(kind, "name") and kind not in ALWAYS
+        if isinstance(kind, type)
+        and issubclass(kind, Cause)
+        and hasattr(kind, "name")
+        and kind not in ALWAYS
     }
 )
 """Every physical cause by its name but platform-motion, which is measured rather than fitted."""

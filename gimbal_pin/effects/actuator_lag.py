@@ -36,8 +36,12 @@ class ActuatorLag(Signal):
         ),
     )
     linear: ClassVar[bool] = True
-    experiment: ClassVar[str] = "a chirp to 20 Hz and above: a lag loses torque with frequency, a delay does not"
-    compensation: ClassVar[str] = "tune with the time constant added to the loop's delay; raise the current loop's gain"
+    experiment: ClassVar[str] = (
+        "a chirp to 20 Hz and above: a lag loses torque with frequency, a delay does not"
+    )
+    compensation: ClassVar[str] = (
+        "tune with the time constant added to the loop's delay; raise the current loop's gain"
+    )
 
     def start(self, level: float = 0.0) -> SignalMemory:
         """Return the torque at the end of the last interval."""
@@ -52,7 +56,10 @@ class ActuatorLag(Signal):
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Time constants from a tenth of a sample of the channels to a tenth of a second."""
-        return tuple(cls.inside(joint, time) for time in build_geometric_grid(seen.dt / 10, 0.1, 9, cls.shapes[0]))
+        return tuple(
+            cls.inside(joint, time)
+            for time in build_geometric_grid(seen.dt / 10, 0.1, 9, cls.shapes[0])
+        )
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the time constant in milliseconds."""

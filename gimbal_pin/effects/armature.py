@@ -19,7 +19,9 @@ class Armature(Effect):
 
     name: ClassVar[str] = "armature"
     linear: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("inertia", nan, "kg m^2", 0.0, inf, meaning="rotor's inertia, felt at its joint alone"),
+        Parameter(
+            "inertia", nan, "kg m^2", 0.0, inf, meaning="rotor's inertia, felt at its joint alone"
+        ),
     )
     like_inertia: ClassVar[bool] = True
     experiment: ClassVar[str] = "fast accelerations of all axes together, at poses that couple them"

@@ -56,7 +56,14 @@ class AsymmetricFriction(Effect):
             meaning="half of what dry friction differs by between the directions, positive where the positive "
             "one brakes more",
         ),
-        Parameter("viscous", 0.0, "N m s/rad", -inf, inf, meaning="the same of the friction that grows with the rate"),
+        Parameter(
+            "viscous",
+            0.0,
+            "N m s/rad",
+            -inf,
+            inf,
+            meaning="the same of the friction that grows with the rate",
+        ),
     )
     dry: ClassVar[bool] = True
     experiment: ClassVar[str] = "the same constant speeds both ways, and holds at rest in between"
@@ -96,7 +103,11 @@ class AsymmetricFriction(Effect):
         dry, *viscous = values
         more = (1.0 if dry >= 0 else -1.0, "positive" if dry >= 0 else "negative")
         rest = "".join(f" ({more[0] * value:+.3g} N m per rad/s)" for value in viscous)
-        upto, half = ("up to ", f"; half of that is there at {self.speed:.3g} rad/s") if self.speed else ("", "")
+        upto, half = (
+            ("up to ", f"; half of that is there at {self.speed:.3g} rad/s")
+            if self.speed
+            else ("", "")
+        )
         return (
             f"turning in the {more[1]} direction friction is {upto}{abs(dry):.3g} N m{rest} above the mean of both "
             f"directions, in the other as much below it{half}"

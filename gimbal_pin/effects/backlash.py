@@ -35,14 +35,37 @@ class Backlash(Loose):
 
     name: ClassVar[str] = "backlash"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("gap", nan, "rad", 0.0, 0.5, meaning="how far the joint turns from one flank to the other"),
-        Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0, meaning="rotor's inertia that crosses the gap, at the joint"),
+        Parameter(
+            "gap",
+            nan,
+            "rad",
+            0.0,
+            0.5,
+            meaning="how far the joint turns from one flank to the other",
+        ),
+        Parameter(
+            "inertia",
+            1e-3,
+            "kg m^2",
+            1e-7,
+            10.0,
+            meaning="rotor's inertia that crosses the gap, at the joint",
+        ),
         ROTOR_SHARE,
-        Parameter("flank", 0.0, "Hz", 0.0, 500.0, meaning="how fast the link rings on a flank; 0: it lands for good"),
+        Parameter(
+            "flank",
+            0.0,
+            "Hz",
+            0.0,
+            500.0,
+            meaning="how fast the link rings on a flank; 0: it lands for good",
+        ),
         Parameter("damping", 0.0, "1", 0.0, 10.0, meaning="damping ratio of that ringing"),
     )
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
-    compensation: ClassVar[str] = "references that reverse rarely; lower gains, as the joint is loose within the gap"
+    compensation: ClassVar[str] = (
+        "references that reverse rarely; lower gains, as the joint is loose within the gap"
+    )
 
     @classmethod
     def planted(cls, joint: str | None, given: Mapping[str, float]) -> Backlash:
@@ -54,7 +77,9 @@ class Backlash(Loose):
         made: Backlash = super().planted(joint, given)
         if made.flank and not made.springy:
             what = "flank is how a link rings that no encoder sees, and rotor_share is 0: the encoder sits on the link"
-            raise UsageError(cls.name, what, "give rotor_share as well, or leave out flank and damping")
+            raise UsageError(
+                cls.name, what, "give rotor_share as well, or leave out flank and damping"
+            )
         return made
 
     @property
@@ -69,8 +94,14 @@ class Backlash(Loose):
 
     def start(self, level: float = 0.0) -> SignalMemory:
         """Return the rotor's place in the gap, rad, and its rate, rad/s: at rest on the side it pushes."""
-        bent = level / self.inertia * self.rotor_share / (2 * pi * self.flank) ** 2 if self.springy else 0.0
-        return copysign(self.gap / 2, level + 0.0) + bent, 0.0  # a zero has a sign that means nothing
+        bent = (
+            level / self.inertia * self.rotor_share / (2 * pi * self.flank) ** 2
+            if self.springy
+            else 0.0
+        )
+        return copysign(
+            self.gap / 2, level + 0.0
+        ) + bent, 0.0  # a zero has a sign that means nothing
 
     def step(self, memory: SignalMemory, x: float, dt: float) -> tuple[SignalMemory, float]:
         """Fly or push; what does not speed the rotor up is passed on."""
@@ -103,10 +134,14 @@ class Backlash(Loose):
                 k += 1
         return out
 
-    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+    def shown(
+        self, values: Sequence[float] = (), covariance: Array | None = None
+    ) -> tuple[Parameter, ...]:
         """Without flanks that do not give."""
         every = super().shown(values, covariance)
-        return every if self.flank else tuple(p for p in every if p.name not in ("flank", "damping"))
+        return (
+            every if self.flank else tuple(p for p in every if p.name not in ("flank", "damping"))
+        )
 
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
@@ -126,7 +161,9 @@ class Backlash(Loose):
         if self.rotor_share:
             return ()
         widths = self.gap * 2.0 ** (np.arange(-FINER, FINER + 1) / FINER)
-        return tuple(self.altered(gap=gap) for gap in widths.tolist() if 0 < gap <= self.shapes[0].upper)
+        return tuple(
+            self.altered(gap=gap) for gap in widths.tolist() if 0 < gap <= self.shapes[0].upper
+        )
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the gap; times the rotor's inertia where flanks do not give: no torque tells one without the other.

@@ -66,7 +66,9 @@ class Sample(NamedTuple):
         if self.turns is None or k % 1 or not 1 <= k < 2 ** len(self.turns):
             angle = k * self.q
             return cos(angle), sin(angle)
-        turned = reduce(np.multiply, (turn for bit, turn in enumerate(self.turns) if int(k) >> bit & 1))
+        turned = reduce(
+            np.multiply, (turn for bit, turn in enumerate(self.turns) if int(k) >> bit & 1)
+        )
         return turned.real, turned.imag
 
 
@@ -96,7 +98,9 @@ class Effect(Cause):
     """True if its basis may read `weight`, which is worked out where an effect does."""
     rising: ClassVar[bool] = False
     """True if it is friction that grows faster than the rate, beside viscous friction."""
-    compensation: ClassVar[str] = "its torque at the reference is added to the controller's feed-forward"
+    compensation: ClassVar[str] = (
+        "its torque at the reference is added to the controller's feed-forward"
+    )
 
     @property
     def coefficients(self) -> tuple[Parameter, ...]:
@@ -150,9 +154,13 @@ class Effect(Cause):
             held.append(memory)
         return np.asarray(self.evolve(np.array(held).T[..., since], q - at[since]))
 
-    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+    def shown(
+        self, values: Sequence[float] = (), covariance: Array | None = None
+    ) -> tuple[Parameter, ...]:
         """Shape parameters, then coefficients with their standard deviations."""
-        deviations = [nan] * len(values) if covariance is None else [sqrt(x) for x in np.diag(covariance)]
+        deviations = (
+            [nan] * len(values) if covariance is None else [sqrt(x) for x in np.diag(covariance)]
+        )
         rows = zip(self.coefficients, values, deviations)
         return super().shown() + tuple(replace(c, value=float(x), std=std) for c, x, std in rows)
 

@@ -50,8 +50,12 @@ class BaseTilt(RigEffect):
         Parameter("roll_rate", 0.0, "rad/s", -0.1, 0.1, meaning="how fast it sinks about its x"),
         Parameter("pitch_rate", 0.0, "rad/s", -0.1, 0.1, meaning="how fast it sinks about its y"),
     )
-    experiment: ClassVar[str] = "slow motion of all axes with the base turned by a quarter in between"
-    compensation: ClassVar[str] = "level the base, or let the controller use gravity in the base's frame"
+    experiment: ClassVar[str] = (
+        "slow motion of all axes with the base turned by a quarter in between"
+    )
+    compensation: ClassVar[str] = (
+        "level the base, or let the controller use gravity in the base's frame"
+    )
 
     def apply(self, rig: Rig) -> Rig:
         """Turn gravity."""
@@ -65,12 +69,16 @@ class BaseTilt(RigEffect):
         if not (self.roll_rate or self.pitch_rate):
             return platform
         rates = np.tile([self.roll_rate, self.pitch_rate, 0.0], (len(t), 1))
-        return (Platform.still(t) if platform is None else platform).turned(rates * t[:, None], rates)
+        return (Platform.still(t) if platform is None else platform).turned(
+            rates * t[:, None], rates
+        )
 
     @property
     def angle(self) -> float:
         """The largest angle, after `LASTS` of sinking."""
-        return max(abs(x) for x in (self.roll, self.pitch, LASTS * self.roll_rate, LASTS * self.pitch_rate))
+        return max(
+            abs(x) for x in (self.roll, self.pitch, LASTS * self.roll_rate, LASTS * self.pitch_rate)
+        )
 
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
@@ -80,7 +88,12 @@ class BaseTilt(RigEffect):
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """A lean about each of the base's axes, and a base that sinks about them."""
-        return (cls(roll=TILT_STEP), cls(pitch=TILT_STEP), cls(roll_rate=TILT_STEP), cls(pitch_rate=TILT_STEP))
+        return (
+            cls(roll=TILT_STEP),
+            cls(pitch=TILT_STEP),
+            cls(roll_rate=TILT_STEP),
+            cls(pitch_rate=TILT_STEP),
+        )
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return roll and pitch in degrees, and how they grow."""
@@ -90,4 +103,6 @@ class BaseTilt(RigEffect):
         x = degrees(60 * self.roll_rate)
         y = degrees(60 * self.pitch_rate)
         sinks = f"by {x:.3g}° about x and {y:.3g}° about y a minute"
-        return f"{leans}, and sinks {sinks}" if self.roll or self.pitch else f"the base sinks {sinks}"
+        return (
+            f"{leans}, and sinks {sinks}" if self.roll or self.pitch else f"the base sinks {sinks}"
+        )

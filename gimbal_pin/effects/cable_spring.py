@@ -18,7 +18,9 @@ from gimbal_pin.log.log import Array
 STATED = (
     Parameter("stiffness", nan, "N m/rad", 0.0, inf, meaning="torque per angle where it rests"),
     Parameter("rest", 0.0, "rad", -4 * pi, 4 * pi, meaning="angle at which it pulls neither way"),
-    Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf, meaning="torque per cube of the angle, beside that"),
+    Parameter(
+        "cubic", 0.0, "N m/rad^3", 0.0, inf, meaning="torque per cube of the angle, beside that"
+    ),
 )
 GROWTH = Parameter("growth", 0.0, "rad", 0.0, 10.0)
 SPRING_KNOTS: tuple[Parameter, ...] = (
@@ -77,8 +79,12 @@ class CableSpring(Effect):
         Parameter("quadratic", 0.0, "N m/rad^2", -inf, inf),
         Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf),
     )
-    experiment: ClassVar[str] = "slow sweeps over the whole range, repeated with the other axes elsewhere"
-    compensation: ClassVar[str] = "spring feed-forward by angle; or dress the cable so that it does not pull"
+    experiment: ClassVar[str] = (
+        "slow sweeps over the whole range, repeated with the other axes elsewhere"
+    )
+    compensation: ClassVar[str] = (
+        "spring feed-forward by angle; or dress the cable so that it does not pull"
+    )
 
     @property
     def sides(self) -> slice:
@@ -106,7 +112,10 @@ class CableSpring(Effect):
             steep = clip_value(at.q / self.growth, -LARGEST_EXPONENT, LARGEST_EXPONENT)
             return exp(steep), -exp(-steep)
         if self.taut:
-            pulls: tuple[float | Array, ...] = (larger(at.q - self.upper, 0.0), -larger(self.lower - at.q, 0.0))
+            pulls: tuple[float | Array, ...] = (
+                larger(at.q - self.upper, 0.0),
+                -larger(self.lower - at.q, 0.0),
+            )
             return pulls[self.sides]
         one = 1.0 + 0.0 * at.q
         # A power of a float that runs away is an error, a product is infinite.
@@ -121,7 +130,9 @@ class CableSpring(Effect):
             return sum(values) / len(values), (self.upper + self.lower) / 2, 0.0
         if self.growth:
             up, down = (max(x, LEAST_PULL) for x in values)
-            rest = float(clip_value(self.growth / 2 * log(down / up), STATED[1].lower, STATED[1].upper))
+            rest = float(
+                clip_value(self.growth / 2 * log(down / up), STATED[1].lower, STATED[1].upper)
+            )
             return 2 * sqrt(up * down) / self.growth, rest, 0.0
         offset, stiffness = values[:2]
         if not self.stiffening or values[3] == 0:
@@ -129,16 +140,28 @@ class CableSpring(Effect):
         rest = -values[2] / (3 * values[3])
         return stiffness - 3 * values[3] * rest**2, rest, values[3]
 
-    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+    def shown(
+        self, values: Sequence[float] = (), covariance: Array | None = None
+    ) -> tuple[Parameter, ...]:
         """Stiffness, rest and, with a stiffening spring, cubic stiffness, or the angle over which the pull grows.
 
         Of a slack one stiffness, and where it comes taut.
         """
-        std = [nan] * 3 if covariance is None else propagate_deviation(self.spring, values, covariance)
+        std = (
+            [nan] * 3
+            if covariance is None
+            else propagate_deviation(self.spring, values, covariance)
+        )
         rows = list(zip(STATED, self.spring(values), std))
-        found = tuple(replace(p, value=float(x), std=float(s)) for p, x, s in (rows if self.stiffening else rows[:2]))
+        found = tuple(
+            replace(p, value=float(x), std=float(s))
+            for p, x, s in (rows if self.stiffening else rows[:2])
+        )
         if self.taut:
-            return (found[0], *(replace(p, value=getattr(self, p.name)) for p in SPRING_KNOTS[self.sides]))
+            return (
+                found[0],
+                *(replace(p, value=getattr(self, p.name)) for p in SPRING_KNOTS[self.sides]),
+            )
         return (*found, replace(GROWTH, value=self.growth)) if self.growth else found
 
     def holds(self, values: Sequence[float] = ()) -> str:
@@ -174,7 +197,10 @@ class CableSpring(Effect):
             *(cls.inside(joint, growth=growth) for growth in growing),
         ]
         knots = [seen.middle + place * seen.travel for place in PLACES]
-        found += [cls.inside(joint, taut=2, upper=upper, lower=lower) for lower, upper in combinations(knots, 2)]
+        found += [
+            cls.inside(joint, taut=2, upper=upper, lower=lower)
+            for lower, upper in combinations(knots, 2)
+        ]
         above = [cls.inside(joint, taut=1, upper=knot) for knot in knots]
         below = [cls.inside(joint, taut=-1, lower=knot) for knot in knots]
         return (*found, *above, *below)

@@ -89,7 +89,9 @@ class Cause(ABC):
 
     def altered(self: C, **held: Any) -> C:
         """Return it with other values of some fields, as `inside`."""
-        return self.inside(**{**{field.name: getattr(self, field.name) for field in fields(self)}, **held})
+        return self.inside(
+            **{**{field.name: getattr(self, field.name) for field in fields(self)}, **held}
+        )
 
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
@@ -125,14 +127,18 @@ class Cause(ABC):
         """Return which of its figures hold what other causes add beside it, within a sentence; nothing for most."""
         return ""
 
-    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+    def shown(
+        self, values: Sequence[float] = (), covariance: Array | None = None
+    ) -> tuple[Parameter, ...]:
         """Return its parameters as a person reads them, with units and standard deviations.
 
         Args:
             values: Coefficients of a torque effect; none for the other kinds.
             covariance: Their covariance, (k, k); None: not estimated.
         """
-        return tuple(replace(shape, value=float(getattr(self, shape.name))) for shape in self.shapes)
+        return tuple(
+            replace(shape, value=float(getattr(self, shape.name))) for shape in self.shapes
+        )
 
     @classmethod
     def stated(cls) -> tuple[Parameter, ...]:
@@ -148,14 +154,19 @@ class Cause(ABC):
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data; `plain.read_cause` reads it back."""
         held = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {"effect": self.name, **{key: list(x) if isinstance(x, tuple) else x for key, x in held.items()}}
+        return {
+            "effect": self.name,
+            **{key: list(x) if isinstance(x, tuple) else x for key, x in held.items()},
+        }
 
 
 def check_within(parameter: Parameter, value: float, owner: str) -> float:
     """Return the value; `UsageError` if it is outside the parameter's bounds."""
     if not parameter.lower <= value <= parameter.upper:
         raise UsageError(
-            owner, f"{parameter.name} is {value:g}{parameter.in_units}", f"give {format_bounds(parameter)}"
+            owner,
+            f"{parameter.name} is {value:g}{parameter.in_units}",
+            f"give {format_bounds(parameter)}",
         )
     return value
 

@@ -18,7 +18,9 @@ class Cogging(Harmonic):
     """``tau = sum_k (a_k cos kq + b_k sin kq)``, k multiples of poles and slots per turn of the joint."""
 
     name: ClassVar[str] = "cogging"
-    amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "N m", 0.0, inf, meaning="largest torque of the teeth")
+    amplitude: ClassVar[Parameter] = Parameter(
+        "amplitude", nan, "N m", 0.0, inf, meaning="largest torque of the teeth"
+    )
     bends: ClassVar[tuple[str, ...]] = ("cable-spring",)
     leans: ClassVar[tuple[str, ...]] = ("base-tilt",)
     """An unbalance about a vertical axis is no part of the rigid model: of a base that leans it pulls once per turn."""

@@ -65,7 +65,9 @@ class DeadZone(Static):
             meaning="how sharply torque sets in beyond it; 0 for a gap that takes its width off every command",
         ),
     )
-    experiment: ClassVar[str] = "a balanced rig moved slowly to and fro: torques that cross zero often"
+    experiment: ClassVar[str] = (
+        "a balanced rig moved slowly to and fro: torques that cross zero often"
+    )
     compensation: ClassVar[str] = "what is lost is added to the command, in its direction"
 
     def command(self, torque: float) -> float:
@@ -107,7 +109,9 @@ class DeadZone(Static):
         if not self.sharpness:
             return ()
         low, high = (self.width * log2(1.0 / x) ** (1.0 / self.sharpness) for x in (0.8, 0.2))
-        widths = build_geometric_grid(low, high, ceil(log(high / low) / log(THRESHOLD_STEP)) + 1, self.shapes[0])
+        widths = build_geometric_grid(
+            low, high, ceil(log(high / low) / log(THRESHOLD_STEP)) + 1, self.shapes[0]
+        )
         return tuple(self.altered(width=width, sharpness=0.0, whole=True) for width in widths)
 
     @classmethod
@@ -117,7 +121,11 @@ class DeadZone(Static):
         others = build_geometric_grid(0.02 * seen.torque, 0.8 * seen.torque, 16, cls.shapes[0])
         return (
             *(cls.inside(joint, width) for width in gaps),
-            *(cls.inside(joint, width, sharpness) for width in others for sharpness in SHARPNESS_STARTS),
+            *(
+                cls.inside(joint, width, sharpness)
+                for width in others
+                for sharpness in SHARPNESS_STARTS
+            ),
         )
 
     def says(self, values: Sequence[float] = ()) -> str:

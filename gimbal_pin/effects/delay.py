@@ -29,11 +29,17 @@ class Delay(Signal):
 
     name: ClassVar[str] = "delay"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("time", nan, "s", 0.0, 0.2, meaning="how much later than commanded the torque acts"),
+        Parameter(
+            "time", nan, "s", 0.0, 0.2, meaning="how much later than commanded the torque acts"
+        ),
     )
     linear: ClassVar[bool] = True
-    experiment: ClassVar[str] = "a chirp to 20 Hz and above: a delay's phase keeps growing with frequency"
-    compensation: ClassVar[str] = "tune with this delay added to the loop's: lower gains, feed-forward taken from ahead"
+    experiment: ClassVar[str] = (
+        "a chirp to 20 Hz and above: a delay's phase keeps growing with frequency"
+    )
+    compensation: ClassVar[str] = (
+        "tune with this delay added to the loop's: lower gains, feed-forward taken from ahead"
+    )
 
     def start(self, level: float = 0.0) -> SignalMemory:
         """Return the commands so far, newest first; the last one held before them."""

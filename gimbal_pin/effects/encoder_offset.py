@@ -34,7 +34,14 @@ class EncoderOffset(RigEffect):
 
     name: ClassVar[str] = "encoder-offset"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("offset", nan, "rad", -3.2, 3.2, meaning="what the encoder reads where the URDF has zero"),
+        Parameter(
+            "offset",
+            nan,
+            "rad",
+            -3.2,
+            3.2,
+            meaning="what the encoder reads where the URDF has zero",
+        ),
     )
     experiment: ClassVar[str] = "slow motion of all axes with the base held in several attitudes"
     compensation: ClassVar[str] = "correct the encoder's zero by as much"

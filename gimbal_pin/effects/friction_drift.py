@@ -60,7 +60,9 @@ class FrictionDrift(Effect):
     )
     chosen: ClassVar[tuple[str, ...]] = ("held",)
     linear: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coulomb", 0.0, "N m", -inf, inf, meaning="what dry friction changes by in the end"),
+        Parameter(
+            "coulomb", 0.0, "N m", -inf, inf, meaning="what dry friction changes by in the end"
+        ),
         Parameter(
             "viscous",
             0.0,
@@ -72,7 +74,9 @@ class FrictionDrift(Effect):
     )
     dry: ClassVar[bool] = True
     experiment: ClassVar[str] = "a long run from cold, its first minute repeated as the last"
-    compensation: ClassVar[str] = "friction feed-forward by the time since the start; identify again once warm"
+    compensation: ClassVar[str] = (
+        "friction feed-forward by the time since the start; identify again once warm"
+    )
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Direction and rate, times how far the change has come."""
@@ -85,7 +89,11 @@ class FrictionDrift(Effect):
 
     def warmed(self, memory: EffectMemory, tau: float, dt: float) -> EffectMemory:
         """Return the memory after the motor has given `tau` N m for `dt` s, exactly."""
-        return memory + (1.0 - decay(-dt / self.span)) * ((tau / self.held) ** 2 - memory) if self.held else memory
+        return (
+            memory + (1.0 - decay(-dt / self.span)) * ((tau / self.held) ** 2 - memory)
+            if self.held
+            else memory
+        )
 
     def remembered(self, at: Sample) -> EffectMemory:
         """Return how far the change has come; where nobody knows the losses, the motor gave the torque `held`."""
@@ -98,7 +106,11 @@ class FrictionDrift(Effect):
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """A drift that levels off within the log, and one that does not; by temperature, or by what makes it."""
-        own = [cls.inside(joint, span, held=seen.rms) for span in (seen.seconds / 6, seen.seconds)] if seen.rms else []
+        own = (
+            [cls.inside(joint, span, held=seen.rms) for span in (seen.seconds / 6, seen.seconds)]
+            if seen.rms
+            else []
+        )
         return (
             cls.inside(joint, seen.seconds / 3),
             cls.inside(joint, 20 * seen.seconds),
@@ -108,6 +120,10 @@ class FrictionDrift(Effect):
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the whole change."""
         way = "rises" if values[0] >= 0 else "falls"
-        over = f"with every {KELVIN:g} K of warming" if self.thermal else f"over some {self.span:.3g} s of running"
+        over = (
+            f"with every {KELVIN:g} K of warming"
+            if self.thermal
+            else f"over some {self.span:.3g} s of running"
+        )
         over = f"{over} at {self.held:.3g} N m, which warms the motor" if self.held else over
         return f"dry friction {way} by {abs(values[0]):.3g} N m ({values[1]:+.3g} N m per rad/s) {over}"

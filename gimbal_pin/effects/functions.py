@@ -53,14 +53,18 @@ def larger(x: FloatOrArray, least: float) -> FloatOrArray:
 
 
 def propagate_deviation(
-    function: Callable[[Sequence[float]], Sequence[float]], values: Sequence[float], covariance: Array
+    function: Callable[[Sequence[float]], Sequence[float]],
+    values: Sequence[float],
+    covariance: Array,
 ) -> Array:
     """Standard deviations of `function(values)`, (m,), to first order, from the covariance of the values, (k, k)."""
     at = np.array(values)
     spread = np.sqrt(np.diag(covariance))
     steps = np.diag(1e-3 * np.where(spread > 0, spread, 1e-9))
     rows = [
-        np.subtract(function((at + step).tolist()), function((at - step).tolist())) / (2 * step.sum()) for step in steps
+        np.subtract(function((at + step).tolist()), function((at - step).tolist()))
+        / (2 * step.sum())
+        for step in steps
     ]
     slope = np.array(rows)
     return np.sqrt(np.einsum("ki,kl,li->i", slope, covariance, slope))

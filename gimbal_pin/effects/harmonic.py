@@ -17,7 +17,9 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 
-PHASE = Parameter("phase", 0.0, "rad", -2 * pi, 2 * pi, meaning="phase of the cosine at the joint's zero")
+PHASE = Parameter(
+    "phase", 0.0, "rad", -2 * pi, 2 * pi, meaning="phase of the cosine at the joint's zero"
+)
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,14 @@ class Harmonic(Effect):
     harmonic: tuple[float, ...]
 
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("harmonic", nan, "per turn", 1.0, 1000.0, meaning="how often per turn of the joint it repeats"),
+        Parameter(
+            "harmonic",
+            nan,
+            "per turn",
+            1.0,
+            1000.0,
+            meaning="how often per turn of the joint it repeats",
+        ),
     )
     amplitude: ClassVar[Parameter]
     """Name and unit of A_k."""
@@ -60,7 +69,11 @@ class Harmonic(Effect):
     def coefficients(self) -> tuple[Parameter, ...]:
         """``cos_k, sin_k`` for every harmonic."""
         unit = self.amplitude.unit
-        return tuple(Parameter(f"{part}_{k:g}", 0.0, unit, -inf, inf) for k in self.harmonic for part in ("cos", "sin"))
+        return tuple(
+            Parameter(f"{part}_{k:g}", 0.0, unit, -inf, inf)
+            for k in self.harmonic
+            for part in ("cos", "sin")
+        )
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """``carrier cos kq, carrier sin kq`` for every harmonic."""
@@ -91,10 +104,16 @@ class Harmonic(Effect):
         """
         reach = int(pi / seen.travel) if seen.travel > 0 else 0
         (first, last) = self.limits()
-        steps = [step for step in np.unique(np.round(np.linspace(-reach, reach, 9))).tolist() if step]
-        moved = ((k, k + step) for k in self.harmonic for step in steps if first <= k + step <= last)
+        steps = [
+            step for step in np.unique(np.round(np.linspace(-reach, reach, 9))).tolist() if step
+        ]
+        moved = (
+            (k, k + step) for k in self.harmonic for step in steps if first <= k + step <= last
+        )
         return tuple(
-            self.without(k).joined(type(self)(self.joint, (new,))) for k, new in moved if new not in self.harmonic
+            self.without(k).joined(type(self)(self.joint, (new,)))
+            for k, new in moved
+            if new not in self.harmonic
         )
 
     def above(self) -> tuple[Harmonic, ...]:
@@ -107,7 +126,9 @@ class Harmonic(Effect):
         """Amplitude and phase, rad, of every harmonic."""
         return tuple((hypot(a, b), atan2(-b, a)) for a, b in zip(values[::2], values[1::2]))
 
-    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+    def shown(
+        self, values: Sequence[float] = (), covariance: Array | None = None
+    ) -> tuple[Parameter, ...]:
         """Amplitude, harmonic and phase, the strongest first; those of the second are ``amplitude_2`` and so on."""
         polar = self.polar(values)
         out: list[Parameter] = []
@@ -116,10 +137,17 @@ class Harmonic(Effect):
             pair = slice(2 * i, 2 * i + 2)
             std = np.array([nan, nan])
             if covariance is not None and size > 0:
-                std = propagate_deviation(lambda x: self.polar(x)[0], values[pair], covariance[pair, pair])
+                std = propagate_deviation(
+                    lambda x: self.polar(x)[0], values[pair], covariance[pair, pair]
+                )
             end = f"_{rank + 1}" if rank else ""
             out += [
-                replace(self.amplitude, name=f"{self.amplitude.name}{end}", value=size, std=float(std[0])),
+                replace(
+                    self.amplitude,
+                    name=f"{self.amplitude.name}{end}",
+                    value=size,
+                    std=float(std[0]),
+                ),
                 Parameter(f"harmonic{end}", self.harmonic[i], "per turn", *self.limits()),
                 Parameter(f"phase{end}", phase, "rad", -pi, pi, float(std[1])),
             ]
@@ -153,7 +181,10 @@ class Harmonic(Effect):
             for k in (lines, orders)
         )
         shares = []
-        for hits, weight in ((held, power / power.sum()), (every, np.full(len(orders), 1.0 / len(orders)))):
+        for hits, weight in (
+            (held, power / power.sum()),
+            (every, np.full(len(orders), 1.0 / len(orders))),
+        ):
             one = hits @ weight
             shares.append(one[:, None] + one - (hits * weight) @ hits.T)
         left, chance = (1.0 - x for x in shares)
@@ -181,8 +212,12 @@ class Harmonic(Effect):
     def listed(self, values: Sequence[float]) -> str:
         """``0.055 N m at 42 per turn``, the strongest three."""
         unit = self.amplitude.unit
-        rows = sorted(((size, k) for (size, _), k in zip(self.polar(values), self.harmonic)), reverse=True)
-        text = " and ".join(f"{size:.3g}{' ' + unit if unit != '1' else ''} at {k:g}" for size, k in rows[:3])
+        rows = sorted(
+            ((size, k) for (size, _), k in zip(self.polar(values), self.harmonic)), reverse=True
+        )
+        text = " and ".join(
+            f"{size:.3g}{' ' + unit if unit != '1' else ''} at {k:g}" for size, k in rows[:3]
+        )
         rest = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
         return f"{text}{rest} per turn"
 
@@ -194,4 +229,8 @@ class Harmonic(Effect):
         last = min(cls.highest, 2 * pi * seen.band / max(0.12 * seen.rate, 1e-6))
         step = max(1, int(pi / (2 * seen.travel)))
         tried = range(1, int(last) + 1, step)
-        return tuple(cls.inside(joint, (float(k),)) for k in tried if k <= cls.dense or step > 1 or k % cls.every == 0)
+        return tuple(
+            cls.inside(joint, (float(k),))
+            for k in tried
+            if k <= cls.dense or step > 1 or k % cls.every == 0
+        )

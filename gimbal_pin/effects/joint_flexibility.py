@@ -48,7 +48,9 @@ class JointFlexibility(Geared):
 
     name: ClassVar[str] = "joint-flexibility"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("frequency", nan, "Hz", 0.5, 500.0, meaning="resonance of the link on its spring"),
+        Parameter(
+            "frequency", nan, "Hz", 0.5, 500.0, meaning="resonance of the link on its spring"
+        ),
         Parameter("damping", 0.05, "1", 1e-3, 0.5, meaning="damping ratio of that resonance"),
         Parameter(
             "hardening",
@@ -62,7 +64,9 @@ class JointFlexibility(Geared):
     )
     linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 100 Hz at small amplitude"
-    compensation: ClassVar[str] = "a notch at the resonance, or a bandwidth of at most a third of it"
+    compensation: ClassVar[str] = (
+        "a notch at the resonance, or a bandwidth of at most a third of it"
+    )
 
     @property
     def geared(self) -> bool:
@@ -83,7 +87,9 @@ class JointFlexibility(Geared):
         if name != "frequency" or not self.rotor_share:
             return super().moved(name, value)
         factor = value / self.frequency
-        return self.altered(frequency=value, rotor_share=self.rotor_share / factor**2, damping=self.damping * factor)
+        return self.altered(
+            frequency=value, rotor_share=self.rotor_share / factor**2, damping=self.damping * factor
+        )
 
     def leaning(self, memory: SignalMemory) -> float | None:
         """What the spring is bent by and its damping, on a rotor."""
@@ -97,7 +103,9 @@ class JointFlexibility(Geared):
         Both are at least their own bounds: a search may come by a zero of less, which is a spring that holds nothing.
         """
         root = sqrt(self.rotor_share)
-        return self.altered(frequency=self.frequency * root, damping=self.damping * root, rotor_share=0.0)
+        return self.altered(
+            frequency=self.frequency * root, damping=self.damping * root, rotor_share=0.0
+        )
 
     def felt(self, load: Array, inertial: Array, dt: float) -> Array:
         """``r inertial + N (load + (1 - r) inertial)``."""
@@ -166,7 +174,8 @@ class JointFlexibility(Geared):
         Of a resonance far above the band only the zero shows.
         """
         rungs = [
-            cls.inside(joint, frequency) for frequency in build_geometric_grid(3.0, 3 * seen.band, 9, cls.shapes[0])
+            cls.inside(joint, frequency)
+            for frequency in build_geometric_grid(3.0, 3 * seen.band, 9, cls.shapes[0])
         ]
         highest = cls.shapes[0].upper * sqrt(USUAL_ROTOR_SHARE)
         zeros = [
@@ -174,7 +183,12 @@ class JointFlexibility(Geared):
             *build_geometric_grid(1.5 * seen.band, min(5 * seen.band, highest), 4, cls.shapes[0]),
         ]
         behind = [
-            cls.inside(joint, zero / sqrt(USUAL_ROTOR_SHARE), ZETA / sqrt(USUAL_ROTOR_SHARE), USUAL_ROTOR_SHARE)
+            cls.inside(
+                joint,
+                zero / sqrt(USUAL_ROTOR_SHARE),
+                ZETA / sqrt(USUAL_ROTOR_SHARE),
+                USUAL_ROTOR_SHARE,
+            )
             for zero in zeros
         ]
         return (*rungs, *behind)

@@ -47,15 +47,30 @@ class LoadDependentFriction(Effect):
 
     name: ClassVar[str] = "load-dependent-friction"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("driven", 0.0, "1", 0.0, 10.0, meaning="share of the torque that loads a bearing beside the weight"),
-        Parameter("preload", 0.0, "N m", 0.0, 100.0, meaning="what loads it without any torque or weight"),
+        Parameter(
+            "driven",
+            0.0,
+            "1",
+            0.0,
+            10.0,
+            meaning="share of the torque that loads a bearing beside the weight",
+        ),
+        Parameter(
+            "preload", 0.0, "N m", 0.0, 100.0, meaning="what loads it without any torque or weight"
+        ),
     )
-    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("mu", nan, "1", 0.0, 0.95, meaning="friction per load"),)
+    linear: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("mu", nan, "1", 0.0, 0.95, meaning="friction per load"),
+    )
     dry: ClassVar[bool] = True
     loaded: ClassVar[bool] = True
     weighed: ClassVar[bool] = True
-    experiment: ClassVar[str] = "the same motion with two payloads, or well out of balance and balanced"
-    compensation: ClassVar[str] = "friction feed-forward by what the model says that the joint carries"
+    experiment: ClassVar[str] = (
+        "the same motion with two payloads, or well out of balance and balanced"
+    )
+    compensation: ClassVar[str] = (
+        "friction feed-forward by what the model says that the joint carries"
+    )
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """What the load adds to what the preload makes, in the direction of sliding."""
@@ -66,7 +81,10 @@ class LoadDependentFriction(Effect):
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Gear, bearing, and one that half the torque presses on, each in proportion and beyond a preload."""
         carried = ((False, 0.0), (True, 0.0), (True, 0.5))
-        return tuple(cls.inside(joint, *form, preload) for form, preload in product(carried, (0.0, seen.torque / 4)))
+        return tuple(
+            cls.inside(joint, *form, preload)
+            for form, preload in product(carried, (0.0, seen.torque / 4))
+        )
 
     @classmethod
     def stated(cls) -> tuple[Parameter, ...]:
@@ -76,15 +94,21 @@ class LoadDependentFriction(Effect):
     @classmethod
     def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
         """Return the term with these parameters."""
-        return Term(cls(str(joint), given["weighs"] != 0, given["driven"], given["preload"]), (given["mu"],))
+        return Term(
+            cls(str(joint), given["weighs"] != 0, given["driven"], given["preload"]), (given["mu"],)
+        )
 
-    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+    def shown(
+        self, values: Sequence[float] = (), covariance: Array | None = None
+    ) -> tuple[Parameter, ...]:
         """The coefficient last, after those shape parameters that are not zero."""
         return tuple(p for p in super().shown(values, covariance) if p.value or p.name == "mu")
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the share of the load."""
         what = "weight" if self.weighs else "torque"
-        more = f" and {100 * self.driven:.3g} % of its torque" if self.weighs and self.driven else ""
+        more = (
+            f" and {100 * self.driven:.3g} % of its torque" if self.weighs and self.driven else ""
+        )
         beyond = f", beyond {self.preload:.3g} N m" if self.preload else ""
         return f"friction grows by {100 * values[-1]:.3g} % of the {what} that the joint carries{more}{beyond}"

@@ -43,7 +43,11 @@ class Geared(Signal):
 
         Nothing with the encoder on the link: the friction that a log shows by its rate's sign is then the link's.
         """
-        return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake if self.rotor_share else 0.0
+        return (
+            self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake
+            if self.rotor_share
+            else 0.0
+        )
 
 
 class Flanks(NamedTuple):

@@ -49,14 +49,26 @@ class OffDiagonalInertia(RigEffect):
     name: ClassVar[str] = "off-diagonal-inertia"
     of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = tuple(
-        Parameter(symbol, 0.0, "kg m^2", -10.0, 10.0, meaning=f"product of inertia beside the URDF's, of {whose}")
-        for symbols, whose in ((LINK, "the link, in the joint's frame"), (PAYLOAD, "the payload, in its own frame"))
+        Parameter(
+            symbol,
+            0.0,
+            "kg m^2",
+            -10.0,
+            10.0,
+            meaning=f"product of inertia beside the URDF's, of {whose}",
+        )
+        for symbols, whose in (
+            (LINK, "the link, in the joint's frame"),
+            (PAYLOAD, "the payload, in its own frame"),
+        )
         for symbol in symbols
     )
     experiment: ClassVar[str] = "fast motion of all axes at once: products of inertia couple them"
     compensation: ClassVar[str] = "the controller uses the identified model with full inertias"
 
-    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+    def shown(
+        self, values: Sequence[float] = (), covariance: Array | None = None
+    ) -> tuple[Parameter, ...]:
         """Those of the payload only where it has any: most joints carry none."""
         every = super().shown(values, covariance)
         return every if any(getattr(self, name) for name in PAYLOAD) else every[: len(LINK)]
@@ -64,7 +76,11 @@ class OffDiagonalInertia(RigEffect):
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
         """Of the link, of its payload, or of both."""
-        return dict.fromkeys(LINK, 0.0), dict.fromkeys(PAYLOAD, 0.0), dict.fromkeys((*LINK, *PAYLOAD), 0.0)
+        return (
+            dict.fromkeys(LINK, 0.0),
+            dict.fromkeys(PAYLOAD, 0.0),
+            dict.fromkeys((*LINK, *PAYLOAD), 0.0),
+        )
 
     def apply(self, rig: Rig) -> Rig:
         """Add them to the link's parameters.
@@ -89,8 +105,16 @@ class OffDiagonalInertia(RigEffect):
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the products."""
-        parts = [f"{name} {getattr(self, name):+.3g}" for name in (*LINK, *PAYLOAD) if getattr(self, name)]
-        whose = "its link has" if any(getattr(self, name) for name in LINK) or not parts else "the payload has"
+        parts = [
+            f"{name} {getattr(self, name):+.3g}"
+            for name in (*LINK, *PAYLOAD)
+            if getattr(self, name)
+        ]
+        whose = (
+            "its link has"
+            if any(getattr(self, name) for name in LINK) or not parts
+            else "the payload has"
+        )
         return f"{whose} products of inertia that the model leaves out ({', '.join(parts) or 'none'} kg m^2)"
 
 

@@ -38,16 +38,22 @@ def parse_effect(text: str, rig: Rig, is_estimated: bool = False) -> Term | Sign
     if name not in CAUSES:
         causes = ", ".join(sorted(CAUSES))
         raise UsageError(
-            f"effect '{text}'", f"there is no cause '{name}'", f"the causes are {causes}; 'help' lists their parameters"
+            f"effect '{text}'",
+            f"there is no cause '{name}'",
+            f"the causes are {causes}; 'help' lists their parameters",
         )
     kind = CAUSES[name]
     joint, _, pairs = rest.partition(":") if kind.of_joint else ("", "", rest.removeprefix(":"))
     if kind.of_joint and joint not in rig.joints:
         what = f"the rig {rig.name} has no joint '{joint}'"
         raise UsageError(
-            f"effect '{text}'", what, f"write {_format_usage(kind)} with a joint out of {', '.join(rig.joints)}"
+            f"effect '{text}'",
+            what,
+            f"write {_format_usage(kind)} with a joint out of {', '.join(rig.joints)}",
         )
-    planted: Term | Signal | RigEffect = kind.planted(joint or None, _read_values(kind, pairs, text, is_estimated))
+    planted: Term | Signal | RigEffect = kind.planted(
+        joint or None, _read_values(kind, pairs, text, is_estimated)
+    )
     return planted
 
 
@@ -56,11 +62,16 @@ def format_causes() -> str:
     lines = list[str]()
     for name in sorted(CAUSES):
         kind = CAUSES[name]
-        lines += [_format_usage(kind), *(f"  {_describe_parameter(p)}: {p.meaning}" for p in kind.stated())]
+        lines += [
+            _format_usage(kind),
+            *(f"  {_describe_parameter(p)}: {p.meaning}" for p in kind.stated()),
+        ]
     return "\n".join(lines)
 
 
-def _read_values(kind: type[Cause], pairs: str, text: str, is_estimated: bool) -> Mapping[str, float]:
+def _read_values(
+    kind: type[Cause], pairs: str, text: str, is_estimated: bool
+) -> Mapping[str, float]:
     """Return a value for each parameter of a cause: those given, and the others' defaults."""
     known = {parameter.name: parameter for parameter in kind.stated()}
     out = {name: parameter.value for name, parameter in known.items()}
@@ -76,7 +87,10 @@ def _read_values(kind: type[Cause], pairs: str, text: str, is_estimated: bool) -
         out[name] = check_within(known[name], to_number(number, name, place), place)
     if is_estimated:
         shapes = {shape.name for shape in kind.shapes}
-        out = {name: value if name in shapes or not isnan(value) else 1.0 for name, value in out.items()}
+        out = {
+            name: value if name in shapes or not isnan(value) else 1.0
+            for name, value in out.items()
+        }
     missing = [name for name, value in out.items() if isnan(value)]
     if missing or not any(out.values()):
         what = f"says nothing of {', '.join(missing or known)}"

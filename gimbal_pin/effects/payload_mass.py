@@ -56,7 +56,9 @@ class PayloadMass(RigEffect):
         ),
     )
     experiment: ClassVar[str] = "fast motion of all axes at once"
-    compensation: ClassVar[str] = "state the payload as weighed, or let the controller use the identified model"
+    compensation: ClassVar[str] = (
+        "state the payload as weighed, or let the controller use the identified model"
+    )
 
     def apply(self, rig: Rig) -> Rig:
         """Scale the payload's part of its body, or add the weight to it."""
@@ -64,7 +66,9 @@ class PayloadMass(RigEffect):
         place = np.array([self.x, self.y, self.z])
         added = inertia.toDynamicParameters() / inertia.mass
         if place.any():
-            added = pin.Inertia(1.0, inertia.lever + frame.rotation @ place, np.zeros((3, 3))).toDynamicParameters()
+            added = pin.Inertia(
+                1.0, inertia.lever + frame.rotation @ place, np.zeros((3, 3))
+            ).toDynamicParameters()
         total = inertia.toDynamicParameters() + self.extra * added
         return replace_payload(rig, pin.Inertia.FromDynamicParameters(total), self.name)
 
@@ -72,10 +76,15 @@ class PayloadMass(RigEffect):
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
         """Spread over the payload, or bolted on, wherever that may be, or gone from there."""
         try:
-            corners = compute_gyration_radius(get_payload(rig)[1]) / np.sqrt(3.0) * np.array(TETRAHEDRON)
+            corners = (
+                compute_gyration_radius(get_payload(rig)[1]) / np.sqrt(3.0) * np.array(TETRAHEDRON)
+            )
         except UsageError:
             return ()
-        return ({"extra": 0.0}, *({"extra": 0.0, **dict(zip("xyz", corner))} for corner in corners.tolist()))
+        return (
+            {"extra": 0.0},
+            *({"extra": 0.0, **dict(zip("xyz", corner))} for corner in corners.tolist()),
+        )
 
     def plausible(self, rig: Rig) -> bool:
         """Whether a weight is bolted on, and not inside the payload."""

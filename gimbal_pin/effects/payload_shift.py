@@ -36,13 +36,19 @@ class PayloadShift(RigEffect):
     shapes: ClassVar[tuple[Parameter, ...]] = build_place_parameters(
         "how far the centre of mass is from the URDF's, along the payload's frame"
     )
-    experiment: ClassVar[str] = "all axes at once, the payload turned through as many attitudes as the limits allow"
-    compensation: ClassVar[str] = "correct the payload's URDF, or let the controller use the identified model"
+    experiment: ClassVar[str] = (
+        "all axes at once, the payload turned through as many attitudes as the limits allow"
+    )
+    compensation: ClassVar[str] = (
+        "correct the payload's URDF, or let the controller use the identified model"
+    )
 
     def apply(self, rig: Rig) -> Rig:
         """Take the payload's inertia out of its body and put it back in at the other place."""
         _, inertia, frame = get_payload(rig)
-        return replace_payload(rig, shift_inertia(inertia, frame, np.array([self.x, self.y, self.z])), self.name)
+        return replace_payload(
+            rig, shift_inertia(inertia, frame, np.array([self.x, self.y, self.z])), self.name
+        )
 
     def told(self, rig: Rig) -> str:
         """Say it in the camera's own directions, however its frame is turned."""
@@ -58,4 +64,8 @@ class PayloadShift(RigEffect):
 def _describe_shift(way: Array) -> str:
     """Say where a payload sits that is so many metres forward, left and up of its place, (3,)."""
     said = describe_way(way)
-    return f"the payload sits {said} of where its URDF says" if said else "the payload sits where its URDF says"
+    return (
+        f"the payload sits {said} of where its URDF says"
+        if said
+        else "the payload sits where its URDF says"
+    )

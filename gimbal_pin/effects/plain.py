@@ -23,7 +23,9 @@ def read_cause(data: Any) -> Cause:
         raise ModelError("effect", "is no table of a cause and its values", "write it with to_dict")
     name = data.get("effect")
     if not isinstance(name, str) or name not in every:
-        raise ModelError("effect", f"{name!r} is unknown", f"the known ones are {', '.join(sorted(every))}")
+        raise ModelError(
+            "effect", f"{name!r} is unknown", f"the known ones are {', '.join(sorted(every))}"
+        )
     with prefix_place(f"effect {name}", ModelError):
         held = {key: x for key, x in data.items() if key not in ("effect", "values")}
         return read_record(every[name], held, f"effect {name}", ModelError)
@@ -41,5 +43,7 @@ def read_term(data: Any) -> Term:
         raise ModelError(place, "is no term: it acts on no torque", "write it with to_dict")
     values = convert_value(tuple[float, ...], data.get("values"), f"{place}: values", ModelError)
     if len(values) != len(effect.coefficients):
-        raise ModelError(place, "is no term with one value per coefficient", "write it with to_dict")
+        raise ModelError(
+            place, "is no term with one value per coefficient", "write it with to_dict"
+        )
     return Term(effect, values)

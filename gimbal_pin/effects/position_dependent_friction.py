@@ -19,14 +19,21 @@ class PositionDependentFriction(Harmonic):
 
     name: ClassVar[str] = "position-dependent-friction"
     amplitude: ClassVar[Parameter] = Parameter(
-        "amplitude", nan, "N m", 0.0, inf, meaning="how much dry friction changes over the angle, to either side"
+        "amplitude",
+        nan,
+        "N m",
+        0.0,
+        inf,
+        meaning="how much dry friction changes over the angle, to either side",
     )
     dry: ClassVar[bool] = True
     of_motor: ClassVar[bool] = False
     highest: ClassVar[int] = 12
     bends: ClassVar[tuple[str, ...]] = ("load-dependent-friction",)
     experiment: ClassVar[str] = "slow sweeps over the whole range, both ways"
-    compensation: ClassVar[str] = "friction feed-forward by angle, in the direction of the reference"
+    compensation: ClassVar[str] = (
+        "friction feed-forward by angle, in the direction of the reference"
+    )
 
     def carrier(self, at: Sample) -> float | Array:
         """The direction of sliding."""

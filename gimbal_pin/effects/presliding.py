@@ -53,11 +53,15 @@ class Presliding(Effect):
     )
     linear: ClassVar[tuple[Parameter, ...]] = (
         Parameter("level", nan, "N m", 0.0, inf, meaning="friction once it slides"),
-        Parameter("damping", 0.0, "N m s/rad", 0.0, inf, meaning="torque per rate while it builds up"),
+        Parameter(
+            "damping", 0.0, "N m s/rad", 0.0, inf, meaning="torque per rate while it builds up"
+        ),
     )
     bristly: ClassVar[bool] = True
     experiment: ClassVar[str] = "small reversals, from a tenth of the stroke to ten strokes"
-    compensation: ClassVar[str] = "friction feed-forward after full sliding; small reversals are left to the feedback"
+    compensation: ClassVar[str] = (
+        "friction feed-forward after full sliding; small reversals are left to the feedback"
+    )
 
     @property
     def coefficients(self) -> tuple[Parameter, ...]:
@@ -78,7 +82,8 @@ class Presliding(Effect):
         """``s + (z - s) exp(-|dq|/stroke)``, the exact solution for a way in one direction s; or that of each z_i."""
         if self.slips:
             return [
-                clip_value(z + moved / (reach * self.stroke), -1.0, 1.0) for z, reach in zip(memory, BRISTLE_LENGTHS)
+                clip_value(z + moved / (reach * self.stroke), -1.0, 1.0)
+                for z, reach in zip(memory, BRISTLE_LENGTHS)
             ]
         way = sign(moved)
         return way + (memory - way) * exp(-size(moved) / self.stroke)

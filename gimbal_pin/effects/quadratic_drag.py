@@ -50,5 +50,6 @@ class QuadraticDrag(Effect):
         """Return its size."""
         more = 2.0**self.power
         return (
-            f"friction grows faster than speed, by {values[0]:.3g} N m at 1 rad/s and {more:.3g} times that at 2 rad/s"
+            f"friction grows faster than speed, by {values[0]:.3g} N m at 1 rad/s and "
+            f"{more:.3g} times that at 2 rad/s"
         )

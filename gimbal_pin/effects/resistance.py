@@ -29,7 +29,9 @@ class Resistance:
     def __init__(self, by_joint: Sequence[Sequence[Term]]) -> None:
         """Take the terms that act on each joint apart."""
         affine = [[term for term in terms if term.effect.affine] for terms in by_joint]
-        self.constant = [_sum_torques(terms, Sample(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)) for terms in affine]
+        self.constant = [
+            _sum_torques(terms, Sample(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)) for terms in affine
+        ]
         self.per_slide = [
             _sum_torques(terms, Sample(0.0, 0.0, 0.0, 0.0, 1.0, 0.0)) - zero
             for terms, zero in zip(affine, self.constant)
@@ -38,14 +40,25 @@ class Resistance:
             _sum_torques(terms, Sample(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)) - zero
             for terms, zero in zip(affine, self.constant)
         ]
-        self.rest = [(j, [t for t in terms if not t.effect.affine]) for j, terms in enumerate(by_joint)]
+        self.rest = [
+            (j, [t for t in terms if not t.effect.affine]) for j, terms in enumerate(by_joint)
+        ]
         self.rest = [(j, terms) for j, terms in self.rest if terms]
-        self.dry = [[t for t in terms if t.effect.dry and not t.effect.affine] for terms in by_joint]
-        self.dry_joints = [j for j, terms in enumerate(by_joint) if any(t.effect.dry for t in terms)]
-        keeping = [(j, term) for j, terms in self.rest for term in terms if term.effect.start() is not None]
+        self.dry = [
+            [t for t in terms if t.effect.dry and not t.effect.affine] for terms in by_joint
+        ]
+        self.dry_joints = [
+            j for j, terms in enumerate(by_joint) if any(t.effect.dry for t in terms)
+        ]
+        keeping = [
+            (j, term) for j, terms in self.rest for term in terms if term.effect.start() is not None
+        ]
         self.keeping = keeping
         self.slots = {id(term): slot for slot, (_, term) in enumerate(keeping)}
-        self.torques = [(j, [(term.torque, self.slots.get(id(term))) for term in terms]) for j, terms in self.rest]
+        self.torques = [
+            (j, [(term.torque, self.slots.get(id(term))) for term in terms])
+            for j, terms in self.rest
+        ]
         self.weighed = any(term.effect.weighed for terms in by_joint for term in terms)
         self.warm = [AMBIENT] * len(by_joint)
         self.start: EffectMemories = tuple(term.effect.start() or 0.0 for _, term in keeping)
@@ -54,9 +67,13 @@ class Resistance:
         """Torque left of `tau`, N m, by the part of the affine terms that is the same at every stage of a step."""
         return [u - c - s * k for u, c, s, k in zip(tau, self.constant, slide, self.per_slide)]
 
-    def evolved(self, memory: EffectMemories, before: Sequence[float], after: Sequence[float]) -> EffectMemories:
+    def evolved(
+        self, memory: EffectMemories, before: Sequence[float], after: Sequence[float]
+    ) -> EffectMemories:
         """Return the memory after the joints have moved from angles `before` to `after`, rad."""
-        return tuple([t.effect.evolve(m, after[j] - before[j]) for m, (j, t) in zip(memory, self.keeping)])
+        return tuple(
+            [t.effect.evolve(m, after[j] - before[j]) for m, (j, t) in zip(memory, self.keeping)]
+        )
 
     def warmed(self, memory: EffectMemories, tau: Sequence[float], dt: float) -> EffectMemories:
         """Return the memory after the motors have given the torques `tau`, N m, for `dt` s."""
@@ -82,19 +99,42 @@ class Resistance:
             taken = 0.0
             for torque, slot in torques:
                 held = None if slot is None else memory[slot]
-                at = make_sample((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None, weight[j], None))
+                at = make_sample(
+                    (
+                        t,
+                        q[j],
+                        v[j],
+                        0.0,
+                        slide[j],
+                        tau[j],
+                        self.warm[j],
+                        held,
+                        None,
+                        weight[j],
+                        None,
+                    )
+                )
                 taken += float(torque(at))
             net[j] -= taken
 
     def level(
-        self, t: float, q: float, tau: float, j: int, way: float, memory: EffectMemories = (), weight: float = 0.0
+        self,
+        t: float,
+        q: float,
+        tau: float,
+        j: int,
+        way: float,
+        memory: EffectMemories = (),
+        weight: float = 0.0,
     ) -> float:
         """Dry friction with which joint `j` can hold against a torque in the direction `way`, N m."""
         held = 0.0
         for term in self.dry[j]:
             slot = self.slots.get(id(term)) if memory else None
             known = None if slot is None else memory[slot]
-            held += float(term.torque(Sample(t, q, 0.0, 0.0, way, tau, self.warm[j], known, weight=weight)))
+            held += float(
+                term.torque(Sample(t, q, 0.0, 0.0, way, tau, self.warm[j], known, weight=weight))
+            )
         return self.per_slide[j] + way * held
 
 

@@ -76,7 +76,9 @@ def get_payload(rig: Rig) -> tuple[int, pin.Inertia, pin.SE3]:
         return body - 1, rig.model.inertias[body], frame.placement
     inertia = compute_fixed_inertia(rig, root)
     if not inertia.mass > 0:
-        raise UsageError(f"rig {rig.name}", "carries no payload of its own", "mount one: --payload NAME")
+        raise UsageError(
+            f"rig {rig.name}", "carries no payload of its own", "mount one: --payload NAME"
+        )
     return body - 1, inertia, frame.placement
 
 
@@ -93,10 +95,21 @@ def find_payload_link(rig: Rig) -> str:
     """
     if rig.payload_link is not None:
         return rig.payload_link
-    body = rig.model.frames[rig.model.getFrameId(rig.camera_frame, pin.FrameType.BODY)].parentJoint or rig.n
+    body = (
+        rig.model.frames[rig.model.getFrameId(rig.camera_frame, pin.FrameType.BODY)].parentJoint
+        or rig.n
+    )
     own = rig.model.getFrameId(rig.links[body - 1], pin.FrameType.BODY)
-    fixed = [k for k, frame in enumerate(rig.model.frames) if k != own and frame.type == pin.FrameType.BODY]
-    here = [k for k in fixed if rig.model.frames[k].parentJoint == body and _find_parent_frame(rig, k) == own]
+    fixed = [
+        k
+        for k, frame in enumerate(rig.model.frames)
+        if k != own and frame.type == pin.FrameType.BODY
+    ]
+    here = [
+        k
+        for k in fixed
+        if rig.model.frames[k].parentJoint == body and _find_parent_frame(rig, k) == own
+    ]
     heaviest = max(here, key=lambda k: float(compute_fixed_inertia(rig, k).mass), default=own)
     massive = heaviest != own and compute_fixed_inertia(rig, heaviest).mass > 0
     return str(rig.model.frames[heaviest if massive else own].name)
@@ -133,9 +146,13 @@ def replace_payload(rig: Rig, inertia: pin.Inertia, owner: str) -> Rig:
         UsageError: No such payload, or no such body that carries it, can exist.
     """
     if not inertia.mass > 0:
-        raise UsageError(owner, "leaves the payload a mass that no body can have", "give smaller figures")
+        raise UsageError(
+            owner, "leaves the payload a mass that no body can have", "give smaller figures"
+        )
     body, before, _ = get_payload(rig)
-    changed = add_to_body(rig, body, inertia.toDynamicParameters() - before.toDynamicParameters(), owner)
+    changed = add_to_body(
+        rig, body, inertia.toDynamicParameters() - before.toDynamicParameters(), owner
+    )
     if find_payload_link(rig) not in rig.links:
         frames = changed.model.frames
         root = rig.model.getFrameId(find_payload_link(rig), pin.FrameType.BODY)
@@ -175,7 +192,9 @@ def find_joint_axis(rig: Rig, body: int) -> Array:
 def describe_way(way: Array) -> str:
     """Return a displacement in words, ``4.2 mm forward, 1 mm right``, of metres forward, left and up, (3,)."""
     ways = zip(way.tolist(), DIRECTIONS)
-    return ", ".join(f"{1e3 * abs(d):.3g} mm {names[0] if d > 0 else names[1]}" for d, names in ways if d)
+    return ", ".join(
+        f"{1e3 * abs(d):.3g} mm {names[0] if d > 0 else names[1]}" for d, names in ways if d
+    )
 
 
 def add_to_body(rig: Rig, body: int, phi: Array, owner: str) -> Rig:

@@ -28,7 +28,12 @@ WIDER = 1.8
 NEAREST = 0.999
 """Share of a soft limit up to which a controller commands what it takes."""
 SIDE_PARAMETER = Parameter(
-    "side", 0.0, "1", -1.0, 1.0, meaning="1 or -1: only torques in that direction are limited; 0: those in both"
+    "side",
+    0.0,
+    "1",
+    -1.0,
+    1.0,
+    meaning="1 or -1: only torques in that direction are limited; 0: those in both",
 )
 
 
@@ -62,10 +67,21 @@ class Saturation(Static):
     name: ClassVar[str] = "saturation"
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("limit", nan, "N m", 1e-6, 1e6, meaning="largest torque that the motor gives"),
-        Parameter("knee", 0.0, "1", 0.0, 20.0, meaning="how suddenly it is reached, the more the larger; 0 for a clip"),
+        Parameter(
+            "knee",
+            0.0,
+            "1",
+            0.0,
+            20.0,
+            meaning="how suddenly it is reached, the more the larger; 0 for a clip",
+        ),
     )
-    experiment: ClassVar[str] = "peaks of torque up to the stated limit, short, next to gentle motion"
-    compensation: ClassVar[str] = "state this limit as the motor's: references and anti-windup then keep to it"
+    experiment: ClassVar[str] = (
+        "peaks of torque up to the stated limit, short, next to gentle motion"
+    )
+    compensation: ClassVar[str] = (
+        "state this limit as the motor's: references and anti-windup then keep to it"
+    )
 
     @classmethod
     def stated(cls) -> tuple[Parameter, ...]:
@@ -89,7 +105,9 @@ class Saturation(Static):
     def passed(self, x: FloatOrArray) -> FloatOrArray:
         """Cut the command, or bend it."""
         if not self.knee:
-            return clip_value(x, -inf if self.side > 0 else -self.limit, inf if self.side < 0 else self.limit)
+            return clip_value(
+                x, -inf if self.side > 0 else -self.limit, inf if self.side < 0 else self.limit
+            )
         return x / (1.0 + (self.of_side(x) / self.limit) ** self.knee) ** (1.0 / self.knee)
 
     def command(self, torque: float) -> float:
@@ -107,17 +125,26 @@ class Saturation(Static):
         under = _build_limit_grid(low, high, CLIP_STEP)
         limits = (
             *under,
-            *(seen.peak - one for one in _build_limit_grid(NARROW_CLIP * seen.peak, WIDE_CLIP * seen.peak, WIDER)),
+            *(
+                seen.peak - one
+                for one in _build_limit_grid(NARROW_CLIP * seen.peak, WIDE_CLIP * seen.peak, WIDER)
+            ),
         )
         beyond = build_geometric_grid(0.7 * seen.peak, 10 * seen.peak, 6, cls.shapes[0])
         return (
-            *(cls.inside(joint, limit, side) for limit in sorted(set(limits)) for side in (0, 1, -1)),
+            *(
+                cls.inside(joint, limit, side)
+                for limit in sorted(set(limits))
+                for side in (0, 1, -1)
+            ),
             *(cls.inside(joint, limit, 0, SOFT) for limit in beyond),
         )
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the limit."""
-        where = {0: "", 1: " in the positive direction", -1: " in the negative direction"}[self.side]
+        where = {0: "", 1: " in the positive direction", -1: " in the negative direction"}[
+            self.side
+        ]
         if self.knee:
             return f"the motor gives less and less per command{where}, and no more than {self.limit:.3g} N m"
         return f"the motor gives no more than {self.limit:.3g} N m{where}, whatever is commanded"

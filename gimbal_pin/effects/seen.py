@@ -46,7 +46,9 @@ class OperatingRange(NamedTuple):
         return brief(self)
 
 
-def build_geometric_grid(low: float, high: float, count: int, shape: Parameter) -> tuple[float, ...]:
+def build_geometric_grid(
+    low: float, high: float, count: int, shape: Parameter
+) -> tuple[float, ...]:
     """Return `count` values from low to high, or what the shape parameter's bounds leave of that; none where nothing.
 
     Each is the same multiple of the last.

@@ -51,7 +51,13 @@ class JointLoad(NamedTuple):
     ) -> JointLoad:
         """What a joint bears along a log, (N,): where it stands, its dry friction takes what it can of the torque."""
         most = np.abs(brake)
-        return cls(np.where(still, np.clip(command - load, -most, most), brake), load, inertial, still, across)
+        return cls(
+            np.where(still, np.clip(command - load, -most, most), brake),
+            load,
+            inertial,
+            still,
+            across,
+        )
 
 
 @dataclass(frozen=True)
@@ -158,7 +164,12 @@ class Signal(Cause):
         still = (0.0,) * len(memory)
         moved, D = self.step(still, 1.0, dt)
         rows = [self.step(tuple(row), 0.0, dt) for row in np.eye(len(memory)).tolist()]
-        return np.array([after for after, _ in rows]).T, np.array(moved), np.array([y for _, y in rows]), D
+        return (
+            np.array([after for after, _ in rows]).T,
+            np.array(moved),
+            np.array([y for _, y in rows]),
+            D,
+        )
 
     def command(self, torque: float) -> float:
         """Return what to command so that this torque acts once it has settled, N m: what a controller compensates."""
@@ -187,7 +198,9 @@ class Signal(Cause):
         response = self.response(dt, count)
         size = fft.next_fast_len(count + len(response) - 1, real=True)
         # Each command side by side in memory.
-        spectrum = fft.rfft(np.ascontiguousarray((commands - first).T), size) * fft.rfft(response, size)
+        spectrum = fft.rfft(np.ascontiguousarray((commands - first).T), size) * fft.rfft(
+            response, size
+        )
         return np.asarray(first + fft.irfft(spectrum, size)[:, :count].T)
 
     def response(self, dt: float, longest: int) -> Array:

@@ -35,14 +35,32 @@ class Stribeck(Effect):
 
     name: ClassVar[str] = "stribeck"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("speed", nan, "rad/s", 0.001, 10.0, meaning="rate at which the extra friction has fallen to 37 %"),
+        Parameter(
+            "speed",
+            nan,
+            "rad/s",
+            0.001,
+            10.0,
+            meaning="rate at which the extra friction has fallen to 37 %",
+        ),
     )
     linear: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("extra", nan, "N m", 0.0, inf, meaning="friction at standstill beyond that while sliding"),
+        Parameter(
+            "extra",
+            nan,
+            "N m",
+            0.0,
+            inf,
+            meaning="friction at standstill beyond that while sliding",
+        ),
     )
     dry: ClassVar[bool] = True
-    experiment: ClassVar[str] = "a staircase of slow constant speeds, both ways, down to a tenth of the Stribeck speed"
-    compensation: ClassVar[str] = "friction feed-forward at the reference's rate, with the extra hold near standstill"
+    experiment: ClassVar[str] = (
+        "a staircase of slow constant speeds, both ways, down to a tenth of the Stribeck speed"
+    )
+    compensation: ClassVar[str] = (
+        "friction feed-forward at the reference's rate, with the extra hold near standstill"
+    )
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """What is left of it at this rate."""

@@ -19,10 +19,19 @@ class TorqueBias(Effect):
 
     name: ClassVar[str] = "torque-bias"
     linear: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("bias", nan, "N m", -inf, inf, meaning="constant torque that is reported beside the true one"),
+        Parameter(
+            "bias",
+            nan,
+            "N m",
+            -inf,
+            inf,
+            meaning="constant torque that is reported beside the true one",
+        ),
     )
     affine: ClassVar[bool] = True
-    experiment: ClassVar[str] = "the same motion both ways, and holds at rest approached from both sides"
+    experiment: ClassVar[str] = (
+        "the same motion both ways, and holds at rest approached from both sides"
+    )
     compensation: ClassVar[str] = "a constant feed-forward; calibrate the current sensor's zero"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:

@@ -57,9 +57,14 @@ class TorqueGain(Effect):
         """In both directions, and in either."""
         return tuple(cls(joint, side) for side in (0, 1, -1))
 
-    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+    def shown(
+        self, values: Sequence[float] = (), covariance: Array | None = None
+    ) -> tuple[Parameter, ...]:
         """The gain."""
-        return tuple(replace(self.gain, value=1 - x.value, std=x.std) for x in super().shown(values, covariance))
+        return tuple(
+            replace(self.gain, value=1 - x.value, std=x.std)
+            for x in super().shown(values, covariance)
+        )
 
     @classmethod
     def stated(cls) -> tuple[Parameter, ...]:
@@ -74,5 +79,7 @@ class TorqueGain(Effect):
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the gain in per cent."""
         word = "less" if values[0] >= 0 else "more"
-        where = {0: "", 1: " in the positive direction", -1: " in the negative direction"}[self.side]
+        where = {0: "", 1: " in the positive direction", -1: " in the negative direction"}[
+            self.side
+        ]
         return f"the motor gives {100 * abs(values[0]):.3g} % {word} torque than it reports{where}"

@@ -20,7 +20,12 @@ class TorqueRipple(Harmonic):
 
     name: ClassVar[str] = "torque-ripple"
     amplitude: ClassVar[Parameter] = Parameter(
-        "amplitude", nan, "1", 0.0, 2 / 3, meaning="share of the torque that comes and goes with the angle, either way"
+        "amplitude",
+        nan,
+        "1",
+        0.0,
+        2 / 3,
+        meaning="share of the torque that comes and goes with the angle, either way",
     )
     loaded: ClassVar[bool] = True
     highest: ClassVar[int] = 300

@@ -43,7 +43,9 @@ class TorqueTable(Effect):
         steps = np.diff(self.knots)
         place = f"{self.name} at {self.joint}"
         if self.over not in get_args(Over):
-            raise UsageError(f"{place}: over", f"is '{self.over}'", f"give {', '.join(get_args(Over))}")
+            raise UsageError(
+                f"{place}: over", f"is '{self.over}'", f"give {', '.join(get_args(Over))}"
+            )
         if len(steps) == 0 or not np.allclose(steps, steps[0], rtol=1e-6) or steps[0] <= 0:
             raise UsageError(f"{place}: knots", "are no rising even grid", "give two or more")
 
@@ -55,13 +57,17 @@ class TorqueTable(Effect):
     @property
     def coefficients(self) -> tuple[Parameter, ...]:
         """The torque at each knot."""
-        return tuple(Parameter(f"{self.over}_{knot:.4g}", 0.0, "N m", -inf, inf) for knot in self.knots)
+        return tuple(
+            Parameter(f"{self.over}_{knot:.4g}", 0.0, "N m", -inf, inf) for knot in self.knots
+        )
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """One at a knot, nothing from the next on."""
         x = {"angle": at.q, "rate": at.v, "load": at.tau}[self.over]
         step = self.knots[1] - self.knots[0]
-        if isinstance(x, float) and isfinite(x):  # the simulation asks for one at every stage: all but two are zero
+        if isinstance(x, float) and isfinite(
+            x
+        ):  # the simulation asks for one at every stage: all but two are zero
             place = (x - self.knots[0]) / step
             count = len(self.knots)
             low = floor(place)
@@ -72,7 +78,9 @@ class TorqueTable(Effect):
             }
             return tuple(ends.get(k, 0.0) for k in range(count))
         if self.cyclic:
-            return tuple(larger(1.0 - np.arccos(np.cos(x - knot)) / step, 0.0) for knot in self.knots)
+            return tuple(
+                larger(1.0 - np.arccos(np.cos(x - knot)) / step, 0.0) for knot in self.knots
+            )
         return tuple(larger(1.0 - size(x - knot) / step, 0.0) for knot in self.knots)
 
     def says(self, values: Sequence[float] = ()) -> str:

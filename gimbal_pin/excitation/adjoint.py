@@ -59,9 +59,10 @@ class Link:
 def _compute_waves(tree: tuple[Link, ...], q: Array) -> Array:
     """1, s and c of every joint at angles or travels q (n, N), (n, 1, 3, N)."""
     turns = np.array([link.turns for link in tree])[:, None]
-    return np.stack([np.ones_like(q), np.where(turns, np.sin(q), q), np.where(turns, 1 - np.cos(q), 0.0)], axis=1)[
-        :, None
-    ]
+    return np.stack(
+        [np.ones_like(q), np.where(turns, np.sin(q), q), np.where(turns, 1 - np.cos(q), 0.0)],
+        axis=1,
+    )[:, None]
 
 
 def build_links(model: pin.Model) -> tuple[Link, ...]:
@@ -127,12 +128,18 @@ class BodyMotions:
         products = np.einsum("iajt,ibjt->iabt", momenta, J).reshape(n, 36, count)
         bars = np.empty_like(self.columns)
         bars[:, :, 0] = np.einsum("iabjt,ibjt->iat", inertia, J)
-        bars[:, :, 1] = -_CROSS.reshape(36, 6).T @ products - np.einsum("iabjt,ibjt->iat", inertia, turned)
-        bars[:, :, 2:] = np.einsum("iabjt,ibt->iajt", inertia, A) - np.einsum("iabt,iajt->ibjt", turning, momenta)
+        bars[:, :, 1] = -_CROSS.reshape(36, 6).T @ products - np.einsum(
+            "iabjt,ibjt->iat", inertia, turned
+        )
+        bars[:, :, 2:] = np.einsum("iabjt,ibt->iajt", inertia, A) - np.einsum(
+            "iabt,iajt->ibjt", turning, momenta
+        )
         return bars
 
 
-def compute_regressor_gradient(tree: tuple[Link, ...], gravity: Array, motion: Motion, weights: Array) -> Array:
+def compute_regressor_gradient(
+    tree: tuple[Link, ...], gravity: Array, motion: Motion, weights: Array
+) -> Array:
     """Gradient of ``sum weights * Y(q, v, a)`` to q, v, a, exact, (3, N, n).
 
     The sum is ``sum_ij J_j' (I_ij A_i + V_i x* I_ij V_i)`` over the bodies i and the joints j that move them, I_ij the
@@ -149,7 +156,10 @@ def compute_regressor_gradient(tree: tuple[Link, ...], gravity: Array, motion: M
     bars = frames.compute_adjoints(weights)
     out = np.empty((3, len(tree), len(motion)))
     for i, link in reversed(list(enumerate(tree))):
-        bar, v = bars[i, :, : 2 + i], motion.v[:, i]  # the own axis is fixed, and later ones do not move this body
+        bar, v = (
+            bars[i, :, : 2 + i],
+            motion.v[:, i],
+        )  # the own axis is fixed, and later ones do not move this body
         turned = link.cross.T @ bar[:, 0]
         out[1, i] = -np.einsum("at,at->t", turned, frames.columns[i, :, 1])
         bar[:, 1] -= turned * v

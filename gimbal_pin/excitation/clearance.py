@@ -59,7 +59,9 @@ class Clearance:
         """
         geometry, unchecked = build_collision_geometry(rig)
         every = Clearance(rig, geometry, required, (), unchecked)
-        found = every.compute_distances(envelope.spread().q[:100], range(len(geometry.collisionPairs)))
+        found = every.compute_distances(
+            envelope.spread().q[:100], range(len(geometry.collisionPairs))
+        )
         built = set(np.flatnonzero(found.max(axis=0) < required).tolist()) if found.size else set()
         pairs = list(geometry.collisionPairs)
         geometry.removeAllCollisionPairs()
@@ -98,7 +100,9 @@ class Clearance:
         axes = np.empty((len(q), 6, self.rig.n))
         near = np.empty((len(q), len(self.watched), 3, 3))
         for screw, rows, angles in zip(axes, near, q):
-            screw[...] = pin.computeJointJacobians(model, data, angles).reshape(6, -1)  # n = 1: (6,)
+            screw[...] = pin.computeJointJacobians(model, data, angles).reshape(
+                6, -1
+            )  # n = 1: (6,)
             pin.updateGeometryPlacements(model, data, geometry, at)
             for row, k in zip(rows, self.watched):
                 found = pin.computeDistance(geometry, at, k)
@@ -106,7 +110,10 @@ class Clearance:
         normal = near[:, :, :1]
         points = near[:, :, 1:]
         along = (
-            np.concatenate([np.broadcast_to(normal, points.shape), np.cross(points, normal)], axis=3) @ axes[:, None]
+            np.concatenate(
+                [np.broadcast_to(normal, points.shape), np.cross(points, normal)], axis=3
+            )
+            @ axes[:, None]
         )
         moved = along * self.is_moved[list(self.watched)]
         return (moved[:, :, 1] - moved[:, :, 0]) / 0.1
@@ -119,7 +126,9 @@ class Clearance:
         out = np.zeros((len(self.geometry.collisionPairs), 2, self.rig.n))
         for row, pair in zip(out, self.geometry.collisionPairs):
             for side, part in zip(row, (pair.first, pair.second)):
-                side[[joint - 1 for joint in model.supports[objects[part].parentJoint] if joint]] = 1.0
+                side[
+                    [joint - 1 for joint in model.supports[objects[part].parentJoint] if joint]
+                ] = 1.0
         return out
 
     def find_smallest_gap(self, q: Array) -> Gap | None:
@@ -148,11 +157,16 @@ class Clearance:
     def bound_reach(self, q: Array) -> Array:
         """Most that any part's points move per unit of each joint, (n,), m/rad: the tree's lengths added up."""
         model = self.rig.model
-        slides = np.array([joint.shortname().startswith("JointModelP") for joint in list(model.joints)[1:]])
+        slides = np.array(
+            [joint.shortname().startswith("JointModelP") for joint in list(model.joints)[1:]]
+        )
         out = np.where(slides, 1.0, 0.0)
         for part in self.geometry.geometryObjects:
             part.geometry.computeLocalAABB()
-            size = np.linalg.norm(part.placement.act(part.geometry.aabb_center)) + part.geometry.aabb_radius
+            size = (
+                np.linalg.norm(part.placement.act(part.geometry.aabb_center))
+                + part.geometry.aabb_radius
+            )
             for joint in reversed([j for j in model.supports[part.parentJoint] if j]):
                 travel = np.abs(q[:, joint - 1]).max() if slides[joint - 1] else 0.0
                 out[joint - 1] = max(out[joint - 1], size)
@@ -164,13 +178,17 @@ class Clearance:
         both = self.geometry.collisionPairs[pair]
         objects = self.geometry.geometryObjects
         frames = self.rig.model.frames
-        first, second = (frames[objects[part].parentFrame].name for part in (both.first, both.second))
+        first, second = (
+            frames[objects[part].parentFrame].name for part in (both.first, both.second)
+        )
         return first, second
 
     def watch_close_pairs(self, q: Array) -> Clearance:
         """The same, every pair watched that is too near at one of the angles q (N, n)."""
         near = (
-            self.compute_distances(q, range(len(self.geometry.collisionPairs))).min(axis=0, initial=np.inf)
+            self.compute_distances(q, range(len(self.geometry.collisionPairs))).min(
+                axis=0, initial=np.inf
+            )
             < self.required
         )
         return replace(self, watched=tuple(sorted({*self.watched, *np.flatnonzero(near).tolist()})))
@@ -186,7 +204,9 @@ def build_collision_geometry(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ..
                 rig.model, urdf.strip_to_skeleton(robot, "collision"), pin.GeometryType.COLLISION
             )
         except ValueError as error:
-            raise RigError(str(rig.path), "has a collision shape that cannot be built", "mend the shape") from error
+            raise RigError(
+                str(rig.path), "has a collision shape that cannot be built", "mend the shape"
+            ) from error
     joined = {
         frozenset(joint.find(end).get("link") for end in ("parent", "child"))
         for joint in robot.xpath("joint[@type!='fixed']")
@@ -195,7 +215,10 @@ def build_collision_geometry(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ..
     links = [rig.model.frames[part.parentFrame].name for part in objects]
     for i, part in enumerate(objects):
         for k, other in enumerate(objects[:i]):
-            if part.parentJoint != other.parentJoint and frozenset((links[i], links[k])) not in joined:
+            if (
+                part.parentJoint != other.parentJoint
+                and frozenset((links[i], links[k])) not in joined
+            ):
                 geometry.addCollisionPair(pin.CollisionPair(k, i))
     return geometry, unchecked
 
@@ -211,7 +234,9 @@ def _resolve_meshes(robot: etree._Element, rig: Rig, folder: Path) -> tuple[str,
     """
     missing = []
     shapes = robot.xpath("link/collision[geometry/mesh]")
-    meshes = find_meshes({shape.find("geometry/mesh").get("filename", "") for shape in shapes}, rig.path.parent)
+    meshes = find_meshes(
+        {shape.find("geometry/mesh").get("filename", "") for shape in shapes}, rig.path.parent
+    )
     for k, shape in enumerate(shapes):
         mesh = shape.find("geometry/mesh")
         link = shape.getparent()
@@ -220,7 +245,11 @@ def _resolve_meshes(robot: etree._Element, rig: Rig, folder: Path) -> tuple[str,
             missing.append(link.get("name"))
             link.remove(shape)
         elif isinstance(read, str):
-            raise RigError(str(rig.path), f"link {link.get('name')} has a collision mesh that {read}", "mend the mesh")
+            raise RigError(
+                str(rig.path),
+                f"link {link.get('name')} has a collision mesh that {read}",
+                "mend the mesh",
+            )
         else:
             file = folder / f"{k}.stl"
             file.write_bytes(encode_stl(read))

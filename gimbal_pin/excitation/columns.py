@@ -52,7 +52,9 @@ class ExcitationColumns:
     @staticmethod
     def of(rig: Rig, effects: Sequence[Effect] = ()) -> ExcitationColumns:
         """The rig's base parameters and friction, and the `effects` on top."""
-        return ExcitationColumns(rig, (*build_friction_effects(rig.joints), *effects), reduce_parameters(rig))
+        return ExcitationColumns(
+            rig, (*build_friction_effects(rig.joints), *effects), reduce_parameters(rig)
+        )
 
     @cached_property
     def places(self) -> Array:
@@ -80,7 +82,9 @@ class ExcitationColumns:
         """``W`` along a motion, (N, n, p); `slide` is the direction of sliding (N, n)."""
         rigid = compute_regressor(self.rig, motion.q, motion.v, motion.a, places=self.places)
         tau, pull = self.compute_loads(motion)
-        states = Samples(motion.t, motion.q, motion.v, motion.a, tau, motion.v, np.zeros(self.rig.n))
+        states = Samples(
+            motion.t, motion.q, motion.v, motion.a, tau, motion.v, np.zeros(self.rig.n)
+        )
         effects = compute_effect_columns(self.rig, self.effects, states, slide, pull)
         return np.concatenate([rigid, effects], axis=2)
 
@@ -118,7 +122,9 @@ class ExcitationColumns:
         rigid = np.zeros((10 * n, n, count))
         rigid[self.places] = weights[:, :, :bases].T
         gravity = self.rig.model.gravity.linear
-        out = compute_regressor_gradient(self.links, gravity, motion, rigid.reshape(n, 10, n, count))
+        out = compute_regressor_gradient(
+            self.links, gravity, motion, rigid.reshape(n, 10, n, count)
+        )
         return out + self._differentiate_effects(motion, step, weights[:, :, bases:])
 
     def _differentiate_effects(self, motion: Motion, step: float, weights: Array) -> Array:
@@ -137,7 +143,9 @@ class ExcitationColumns:
         if per_tau.any():
             out += np.einsum("ctji,tj->cti", differentiate_rnea(self.rig.model, motion), per_tau)
         if per_pull.any():
-            out[0] += np.einsum("tji,tj->ti", differentiate_rnea(self.rig.model, still)[0], per_pull)
+            out[0] += np.einsum(
+                "tji,tj->ti", differentiate_rnea(self.rig.model, still)[0], per_pull
+            )
         return out
 
     def compute_information(self, logs: Sequence[Log]) -> Array:
@@ -151,7 +159,11 @@ class ExcitationColumns:
 
 
 def build_criterion_after_logs(
-    rig: Rig, logs: Sequence[Log], seconds: float, effects: Sequence[Effect] = (), prior: float = 1e-4
+    rig: Rig,
+    logs: Sequence[Log],
+    seconds: float,
+    effects: Sequence[Effect] = (),
+    prior: float = 1e-4,
 ) -> Determinant:
     """Return the determinant criterion of `excite` with the information of earlier logs as its prior.
 
@@ -162,7 +174,9 @@ def build_criterion_after_logs(
         effects: Effects whose coefficients are to be shown, as in `excite`.
         prior: Information about every parameter before any log, s.
     """
-    known = ExcitationColumns.of(assume_limits(rig)[0], effects).compute_information([log.ordered(rig) for log in logs])
+    known = ExcitationColumns.of(assume_limits(rig)[0], effects).compute_information(
+        [log.ordered(rig) for log in logs]
+    )
     return Determinant(known + prior * np.eye(len(known)), seconds * rig.n)
 
 
@@ -185,7 +199,9 @@ def list_shown_effects(model: Model, causes: Sequence[str]) -> list[Effect]:
     for named in causes:
         planted = parse_effect(named, model.rig)
         if not isinstance(planted, Term):
-            what = "adds no torque of its own at a joint, which is what a motion is designed to show"
+            what = (
+                "adds no torque of its own at a joint, which is what a motion is designed to show"
+            )
             mend = f"what shows it is {planted.experiment}; 'simulate --effect' plants it"
             raise UsageError(f"--effect {planted.name}", what, mend)
         terms.append(planted.effect)

@@ -99,7 +99,9 @@ class Determinant:
 
     def information(self, a: Array) -> Array:
         """``P + w A'A``, (p, p)."""
-        prior = self.prior * np.eye(a.shape[1]) if np.ndim(self.prior) == 0 else np.asarray(self.prior)
+        prior = (
+            self.prior * np.eye(a.shape[1]) if np.ndim(self.prior) == 0 else np.asarray(self.prior)
+        )
         return prior + self.weight(a) * a.T @ a
 
     def value(self, a: Array) -> float:
@@ -117,5 +119,7 @@ def find_criterion(criterion: str | Criterion) -> Criterion:
         return criterion
     named: dict[str, Criterion] = {"condition": Condition(), "determinant": Determinant()}
     if criterion not in named:
-        raise UsageError("criterion", f"'{criterion}' is not known", f"give one of {', '.join(named)}")
+        raise UsageError(
+            "criterion", f"'{criterion}' is not known", f"give one of {', '.join(named)}"
+        )
     return named[criterion]

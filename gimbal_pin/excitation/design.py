@@ -91,7 +91,9 @@ class Excitation(Record):
         """Return the motion at so many samples per second; None: as it is."""
         if rate is None:
             return self.motion
-        return self.series.motion(self.coefficients, np.arange(0.0, self.seconds * (1 + 1e-12), 1 / rate))
+        return self.series.motion(
+            self.coefficients, np.arange(0.0, self.seconds * (1 + 1e-12), 1 / rate)
+        )
 
     @property
     def periods(self) -> int:
@@ -103,14 +105,18 @@ class Excitation(Record):
         """Its length and what it is made of, in words."""
         own = f"{self.series.harmonics} harmonics"
         times = self.periods
-        return f"{self.seconds:g} s, {own}" + (f" of {self.series.seconds:.4g} s, {times} times over" * (times > 1))
+        return f"{self.seconds:g} s, {own}" + (
+            f" of {self.series.seconds:.4g} s, {times} times over" * (times > 1)
+        )
 
     @property
     def repeated(self) -> str:
         """What its periods are for."""
         if self.periods > 3:  # the first is the start's, and two tell no noise
             what = "what differs from one to the next is noise, and what all of them show is not"
-            return f"{self.periods} periods: {what}; record them in one go, the first is the start's"
+            return (
+                f"{self.periods} periods: {what}; record them in one go, the first is the start's"
+            )
         return f"too few repeats to tell noise from what a model misses ({self.periods}): --seconds 25 has five"
 
     def to_dict(self) -> dict[str, Any]:
@@ -129,7 +135,10 @@ class Excitation(Record):
             "speed": dict(self.speed),
             "clearance": None if self.clearance is None else self.clearance._asdict(),
             "unchecked": list(self.unchecked),
-            "assumed": [{**one._asdict(), "stated": None if isinf(one.stated) else one.stated} for one in self.assumed],
+            "assumed": [
+                {**one._asdict(), "stated": None if isinf(one.stated) else one.stated}
+                for one in self.assumed
+            ],
             "limits_used": {joint: dict(shares) for joint, shares in self.limits_used.items()},
         }
 
@@ -186,18 +195,28 @@ def excite(
         UsageError: An argument is out of range, or the rig cannot move within its limits.
     """
     if not seconds >= 0.5 * max(periods, 1):
-        raise UsageError("seconds", f"is {seconds:g}", "give at least 0.5 for each period: no rig shows itself in less")
+        raise UsageError(
+            "seconds",
+            f"is {seconds:g}",
+            "give at least 0.5 for each period: no rig shows itself in less",
+        )
     samples = round(seconds / dt) if dt > 0 else 0
     if samples < 1 or abs(samples * dt - seconds) > 1e-9 * seconds:
-        raise UsageError("dt", f"is {dt:g}", f"give an interval of which {seconds:g} s is a whole number")
+        raise UsageError(
+            "dt", f"is {dt:g}", f"give an interval of which {seconds:g} s is a whole number"
+        )
     if starts < 1:
         raise UsageError("starts", f"is {starts}", "give one or more")
     rig, assumed = assume_limits(rig)
     model = nominal(rig) if torque_model is None else torque_model
     if not clearance >= 0:
-        raise UsageError("clearance", f"is {clearance:g}", "give a distance in metres, zero or more")
+        raise UsageError(
+            "clearance", f"is {clearance:g}", "give a distance in metres, zero or more"
+        )
     if not 0 <= speed < 1:
-        raise UsageError("speed", f"is {speed:g}", "give a share of the rate limits from 0 up to under 1")
+        raise UsageError(
+            "speed", f"is {speed:g}", "give a share of the rate limits from 0 up to under 1"
+        )
     envelope = Envelope.of(rig, margin)
     problem = ExcitationProblem(
         model,
@@ -214,10 +233,14 @@ def excite(
         problem, x, samples = slow_down(problem, x, samples)
     x, gap = enforce_clearance(problem, x)
     motion = problem.series.motion(problem.coefficients(x), dt * np.arange(samples + 1))
-    return replace(describe(problem, x, motion, finished), clearance=gap, seed=seed, assumed=assumed)
+    return replace(
+        describe(problem, x, motion, finished), clearance=gap, seed=seed, assumed=assumed
+    )
 
 
-def slow_down(problem: ExcitationProblem, x: Array, samples: int) -> tuple[ExcitationProblem, Array, int]:
+def slow_down(
+    problem: ExcitationProblem, x: Array, samples: int
+) -> tuple[ExcitationProblem, Array, int]:
     """Return a motion at a tenth of its amplitude about the same middle, so slow that its torque is small.
 
     With the amplitude every rate and acceleration fall to a tenth. What moves the bodies and rotors, ``M a + C v``,
@@ -230,7 +253,9 @@ def slow_down(problem: ExcitationProblem, x: Array, samples: int) -> tuple[Excit
     rig = problem.model.rig
     motion = problem.motion(repaired, problem.dense)
     push = compute_rnea(rig, motion.q, motion.v, motion.a) - compute_gravity(rig, motion.q)
-    slower = np.sqrt(max(1.0, float((np.abs(push) / (FIRST_SHARE * problem.envelope.torque)).max())))
+    slower = np.sqrt(
+        max(1.0, float((np.abs(push) / (FIRST_SHARE * problem.envelope.torque)).max()))
+    )
     longer = ceil(samples * slower - 1e-9)
     series = replace(problem.series, seconds=problem.series.seconds * longer / samples)
     return replace(problem, series=series), problem.scale(repaired, samples / longer), longer
@@ -268,14 +293,19 @@ def describe(problem: ExcitationProblem, x: Array, motion: Motion, finished: boo
         criterion=criterion.name,
         value=problem.evaluate(x)[0],
         condition_number=problem.columns.compute_condition_number(dense),
-        limits_used={joint: dict(zip(QUANTITIES, column.tolist())) for joint, column in zip(rig.joints, shares.T)},
+        limits_used={
+            joint: dict(zip(QUANTITIES, column.tolist()))
+            for joint, column in zip(rig.joints, shares.T)
+        },
         speed=dict(zip(rig.joints, np.sqrt(np.mean(dense.v**2, axis=0)).tolist())),
         finished=finished,
         unchecked=() if problem.clearance is None else problem.clearance.unchecked,
     )
 
 
-def optimise(problem: ExcitationProblem, starts: int, rng: np.random.Generator) -> tuple[Array, bool]:
+def optimise(
+    problem: ExcitationProblem, starts: int, rng: np.random.Generator
+) -> tuple[Array, bool]:
     """Return the best motion found, and whether the search came to its end.
 
     SLSQP with exact gradients from so many random motions, and again on the finer grid from the best of its ends.
@@ -308,6 +338,12 @@ def descend(problem: ExcitationProblem, tried: list[Array], k: int) -> None:
     limits = {"type": "ineq", "fun": problem.compute_room, "jac": problem.differentiate_room}
     options = {"ftol": 3e-4, "maxiter": 100}  # a log of a condition number need not be known better
     found = minimize(
-        problem.evaluate, tried[k], jac=True, method="SLSQP", constraints=limits, callback=keep, options=options
+        problem.evaluate,
+        tried[k],
+        jac=True,
+        method="SLSQP",
+        constraints=limits,
+        callback=keep,
+        options=options,
     )
     keep(found.x)

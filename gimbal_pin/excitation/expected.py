@@ -74,13 +74,20 @@ class ExpectedEstimate(Record):
         """How each is known: `weakly` if its deviation is over half of its value, `not` if it leaves no trace."""
         stated = np.where(np.nan_to_num(self.values) == 0, np.inf, np.abs(self.values))
         weak = self.std > WEAK_FROM * stated
-        return tuple("not" if n in self.unseen else "weakly" if w else "known" for n, w in zip(self.names, weak))
+        return tuple(
+            "not" if n in self.unseen else "weakly" if w else "known"
+            for n, w in zip(self.names, weak)
+        )
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to change before the motion is run: the log's rate, the motion."""
         said = []
-        slow = [f"{100 * share:.2g} % of {joint}'s" for joint, share in self.sampling.items() if share > FORM_ERROR]
+        slow = [
+            f"{100 * share:.2g} % of {joint}'s"
+            for joint, share in self.sampling.items()
+            if share > FORM_ERROR
+        ]
         if slow:
             what = f"{self.rate:g} samples per second are too few for this motion: they alone leave {', '.join(slow)}"
             said.append(f"{what} torque unexplained; record faster, or move more slowly")
@@ -91,7 +98,11 @@ class ExpectedEstimate(Record):
             )
         if self.unseen:
             every = len(self.unseen) == len(self.names)
-            what = "any parameter: make it longer, or record faster" if every else ", ".join(self.unseen)
+            what = (
+                "any parameter: make it longer, or record faster"
+                if every
+                else ", ".join(self.unseen)
+            )
             said.append(f"the motion leaves no trace of {what}")
         return tuple(said)
 
@@ -104,7 +115,13 @@ class ExpectedEstimate(Record):
             "form_error": self.form_error.tolist(),
             "lag_std": {joint: finite_or_none(std) for joint, std in self.lag_std.items()},
             "parameters": [
-                {"name": name, "unit": unit, "value": finite_or_none(x), "std": finite_or_none(std), "known": known}
+                {
+                    "name": name,
+                    "unit": unit,
+                    "value": finite_or_none(x),
+                    "std": finite_or_none(std),
+                    "known": known,
+                }
                 for name, unit, x, std, known in rows
             ],
             "warnings": list(self.warnings),
@@ -137,13 +154,19 @@ def predict_estimate(
     rig = model.rig
     step = float(np.median(np.diff(motion.t)))
     fitted = (*build_friction_effects(rig.joints), *effects)
-    rubbing = {term.effect.joint for term in model.terms if is_motor_friction(term.effect) and any(term.values)}
+    rubbing = {
+        term.effect.joint
+        for term in model.terms
+        if is_motor_friction(term.effect) and any(term.values)
+    }
     values: dict[Effect, tuple[float, ...]] = {term.effect: term.values for term in model.terms}
     tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)
     size = np.maximum(np.sqrt(np.mean(tau**2, axis=0)), 1e-300)
     found = model.estimated
     # The defaults are the medians of `scripts/plants`.
-    noise = _choose_shares(torque_noise, 0.01, size, found.noise if found else (), np.sqrt(2 * step))
+    noise = _choose_shares(
+        torque_noise, 0.01, size, found.noise if found else (), np.sqrt(2 * step)
+    )
     missed = _choose_shares(form_error, 0.015, size, found.missed if found else ())
     log = record_log(model, motion, noise, make_generator(rng)[0])
     exact = Log("exact", rig.joints, motion.t, motion.q, motion.v, tau)
@@ -158,7 +181,9 @@ def predict_estimate(
         late = np.full(rig.n, np.inf)
     else:
         estimate = fit_weighted(blocks)
-        group_std = np.array(found.misfit) if found and found.misfit and form_error is None else None
+        group_std = (
+            np.array(found.misfit) if found and found.misfit and form_error is None else None
+        )
         hedge = partial(presume_misfit, sizes=missed * size, group_std=group_std)
         spread = fit_lags(blocks, np.zeros(rig.n), hedge)[1]
         std = add_lag_spread(blocks, hedge(blocks, estimate), spread).std
@@ -181,7 +206,11 @@ def predict_estimate(
 
 
 def _choose_shares(
-    stated: float | None, otherwise: float, size: Array, identified: Sequence[float], unit: float = 1.0
+    stated: float | None,
+    otherwise: float,
+    size: Array,
+    identified: Sequence[float],
+    unit: float = 1.0,
 ) -> Array:
     """Return the stated share for all joints, or what was identified as a share of their torque, or else a default."""
     if stated is None and identified:
@@ -189,7 +218,9 @@ def _choose_shares(
     return np.full(len(size), otherwise if stated is None else stated)
 
 
-def record_log(model: Model, motion: Motion, torque_noise: float | Array, rng: np.random.Generator) -> Log:
+def record_log(
+    model: Model, motion: Motion, torque_noise: float | Array, rng: np.random.Generator
+) -> Log:
     """Return the log of a motion that is followed exactly, with its torque at the sample and the sensors' noise."""
     sensors = Sensors.of(model.rig, float(np.median(np.diff(motion.t))))
     shape = motion.q.shape

@@ -53,9 +53,15 @@ class Series:
     def __post_init__(self) -> None:
         """Check the arguments."""
         if not (isfinite(self.seconds) and self.seconds > 0):
-            raise UsageError("seconds", f"is {self.seconds}", "give the length of the motion, over zero")
+            raise UsageError(
+                "seconds", f"is {self.seconds}", "give the length of the motion, over zero"
+            )
         if self.harmonics < 2:
-            raise UsageError("harmonics", f"is {self.harmonics}", "give two or more: one alone cannot start at rest")
+            raise UsageError(
+                "harmonics",
+                f"is {self.harmonics}",
+                "give two or more: one alone cannot start at rest",
+            )
 
     @staticmethod
     def of(seconds: float, harmonics: int | None = None, periods: int = 1) -> Series:

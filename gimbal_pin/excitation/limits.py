@@ -47,7 +47,9 @@ class Envelope:
             UsageError: The margin is not in [0, 1), or a joint is left with no room to move.
         """
         if not 0 <= margin < 1:
-            raise UsageError("margin", f"is {margin}", "give a share of the limits from 0 up to under 1")
+            raise UsageError(
+                "margin", f"is {margin}", "give a share of the limits from 0 up to under 1"
+            )
         ends = np.array([fill_angle_limits(rig, j, limit) for j, limit in enumerate(rig.limits)])
         limits = {
             "travel": (ends[:, 1] - ends[:, 0]) / 2,
@@ -78,11 +80,19 @@ class Envelope:
 
     def compute_kinematic_shares(self, motion: Motion) -> Array:
         """Angle from the centre, rate and acceleration as shares of their limits, signed, (3, N, n)."""
-        return np.stack([(motion.q - self.centre) / self.half, motion.v / self.velocity, motion.a / self.acceleration])
+        return np.stack(
+            [
+                (motion.q - self.centre) / self.half,
+                motion.v / self.velocity,
+                motion.a / self.acceleration,
+            ]
+        )
 
     def compute_torque_shares(self, model: Model, motion: Motion) -> Array:
         """Largest torque up and down as shares of the limit, (2, N, n), whichever way dry friction pushes."""
-        return np.stack([sign * self._push(model, motion, sign) for sign in (1.0, -1.0)]) / self.torque
+        return (
+            np.stack([sign * self._push(model, motion, sign) for sign in (1.0, -1.0)]) / self.torque
+        )
 
     @staticmethod
     def _push(model: Model, motion: Motion, sign: float) -> Array:
@@ -101,7 +111,9 @@ class Envelope:
         weight = model.weight(motion.q)
         for sign in (1.0, -1.0):
 
-            def passive(q: Array, v: Array, a: Array, tau: Array, weight: Array, sign: float = sign) -> Array:
+            def passive(
+                q: Array, v: Array, a: Array, tau: Array, weight: Array, sign: float = sign
+            ) -> Array:
                 return model.passive(q, v, a, np.full_like(q, sign), tau, motion.t, weight=weight)
 
             at = [motion.q, motion.v, motion.a, self._push(model, motion, sign), weight]
@@ -116,7 +128,9 @@ class Envelope:
         """Largest share of each limit that a motion uses, rows as `QUANTITIES`, (4, n); 0 where there is no limit."""
         used = np.swapaxes(self.compute_kinematic_shares(motion), 0, 1)
         kinematic = np.maximum(find_crest(used), find_crest(-used))
-        torque = find_crest(np.swapaxes(self.compute_torque_shares(model, motion), 0, 1)).max(axis=0)
+        torque = find_crest(np.swapaxes(self.compute_torque_shares(model, motion), 0, 1)).max(
+            axis=0
+        )
         return np.vstack([kinematic, np.maximum(torque, 0.0)])
 
 
@@ -153,7 +167,9 @@ class AssumedLimit(NamedTuple):
     stated: float
 
 
-def assume_limits(rig: Rig, speed: float = 0.25, travel: float = 0.25) -> tuple[Rig, tuple[AssumedLimit, ...]]:
+def assume_limits(
+    rig: Rig, speed: float = 0.25, travel: float = 0.25
+) -> tuple[Rig, tuple[AssumedLimit, ...]]:
     """Return the rig with safe limits where nothing, or nothing plausible, bounds a joint's rate or torque.
 
     Rate: no point of the rig passes `speed`, with all joints turning at once. Acceleration, where no torque limit
@@ -190,7 +206,9 @@ def assume_limits(rig: Rig, speed: float = 0.25, travel: float = 0.25) -> tuple[
                 value = getattr(safe, quantity)
                 stated = getattr(limit, quantity)
                 if value != stated:
-                    assumed.append(AssumedLimit(joint, quantity, value, rig.in_units(joint, unit), stated))
+                    assumed.append(
+                        AssumedLimit(joint, quantity, value, rig.in_units(joint, unit), stated)
+                    )
         limits.append(safe)
     return (replace(rig, limits=tuple(limits)) if assumed else rig), tuple(assumed)
 
@@ -205,8 +223,16 @@ def compute_joint_reach(rig: Rig) -> Array:
     for j in range(rig.n, 0, -1):
         body = model.inertias[j]
         radius = np.sqrt(1.5 * np.trace(body.inertia) / body.mass)
-        slid = max(map(abs, (rig.limits[j - 1].lower, rig.limits[j - 1].upper))) if rig.slides[j - 1] else 0.0
-        reach[j] = max(reach[j], np.linalg.norm(body.lever) + radius) + (slid if isfinite(slid) else 0.0)
+        slid = (
+            max(map(abs, (rig.limits[j - 1].lower, rig.limits[j - 1].upper)))
+            if rig.slides[j - 1]
+            else 0.0
+        )
+        reach[j] = max(reach[j], np.linalg.norm(body.lever) + radius) + (
+            slid if isfinite(slid) else 0.0
+        )
         parent = model.parents[j]
-        reach[parent] = max(reach[parent], np.linalg.norm(model.jointPlacements[j].translation) + reach[j])
+        reach[parent] = max(
+            reach[parent], np.linalg.norm(model.jointPlacements[j].translation) + reach[j]
+        )
     return reach[1:]

@@ -90,8 +90,13 @@ class ExcitationProblem:
 
         Near is four fifths, as the states that are looked at are not all there are; the dense grid sees all joints.
         """
-        near = self.envelope.compute_torque_shares(self.model, self.envelope.spread()).max(axis=(0, 1)) > 0.8
-        return np.isfinite(self.envelope.torque) & (near | (not np.isfinite(self.envelope.kinematic).all()))
+        near = (
+            self.envelope.compute_torque_shares(self.model, self.envelope.spread()).max(axis=(0, 1))
+            > 0.8
+        )
+        return np.isfinite(self.envelope.torque) & (
+            near | (not np.isfinite(self.envelope.kinematic).all())
+        )
 
     def compute_room(self, x: Array) -> Array:
         """What is left of every limit at every coarse sample, as a share; all >= 0 if the limits hold."""
@@ -99,7 +104,10 @@ class ExcitationProblem:
         parts: list[Array] = [room + slopes @ x]
         motion = self.motion(x, self.coarse)
         if self.driven.any():
-            parts.append(1 - self.envelope.compute_torque_shares(self.model, motion)[:, :, self.driven].ravel())
+            parts.append(
+                1
+                - self.envelope.compute_torque_shares(self.model, motion)[:, :, self.driven].ravel()
+            )
         if self.apart is not None:
             parts.append(self.apart.compute_room(motion.q).ravel())
         return np.concatenate(parts)
@@ -109,7 +117,9 @@ class ExcitationProblem:
         parts = [self.kinematic[1]]
         motion = self.motion(x, self.coarse)
         if self.driven.any():
-            slopes = self.envelope.differentiate_torque_shares(self.model, motion)[:, :, :, self.driven]
+            slopes = self.envelope.differentiate_torque_shares(self.model, motion)[
+                :, :, :, self.driven
+            ]
             parts.append(-np.einsum("sctji,ctk->stjki", slopes, self.coarse[1]).reshape(-1, len(x)))
         if self.apart is not None:
             nearing = self.apart.differentiate_room(motion.q)
@@ -127,9 +137,9 @@ class ExcitationProblem:
         limits = self.envelope.kinematic
         n = self.model.rig.n
         stated = np.isfinite(limits)
-        slopes = np.einsum("ctk,ji,cj->cjtki", self.coarse[1], np.eye(n), 1 / limits)[stated].reshape(
-            -1, n * self.series.rest.shape[1]
-        )
+        slopes = np.einsum("ctk,ji,cj->cjtki", self.coarse[1], np.eye(n), 1 / limits)[
+            stated
+        ].reshape(-1, n * self.series.rest.shape[1])
         still = self.motion(np.zeros(slopes.shape[1]), self.coarse)
         used = np.swapaxes(self.envelope.compute_kinematic_shares(still), 1, 2)[stated].ravel()
         return np.concatenate([1 - used, 1 + used]), np.vstack([-slopes, slopes])
@@ -167,7 +177,11 @@ class ExcitationProblem:
         low, high = 0.0, 1.0
         for _ in range(14):  # to a share of 6e-5
             factor = (low + high) / 2
-            low, high = (factor, high) if self.is_within_limits(self.scale(x, factor), grid) else (low, factor)
+            low, high = (
+                (factor, high)
+                if self.is_within_limits(self.scale(x, factor), grid)
+                else (low, factor)
+            )
         return self.scale(x, low) if low > 0 else None
 
     def draw_start(self, rng: np.random.Generator) -> Array:
@@ -177,7 +191,9 @@ class ExcitationProblem:
             UsageError: No such pose was found.
         """
         for _ in range(200):
-            coefficients = self.coefficients(rng.standard_normal(self.series.rest.shape[1] * self.model.rig.n))
+            coefficients = self.coefficients(
+                rng.standard_normal(self.series.rest.shape[1] * self.model.rig.n)
+            )
             middle = rng.uniform(-0.5, 0.5, self.model.rig.n)
             coefficients[0] = self.envelope.centre + middle * self.envelope.half
             if not self.is_pose_possible(coefficients[0]):
@@ -193,7 +209,12 @@ class ExcitationProblem:
         used = np.swapaxes(self.envelope.compute_kinematic_shares(self.motion(x, self.dense)), 0, 1)
         up = find_crest(used)
         down = find_crest(-used)
-        peaks = [(up[0] - middle) / (1 - middle), (down[0] + middle) / (1 + middle), *up[1:], *down[1:]]
+        peaks = [
+            (up[0] - middle) / (1 - middle),
+            (down[0] + middle) / (1 + middle),
+            *up[1:],
+            *down[1:],
+        ]
         return (1 - 1e-9) / np.maximum.reduce(peaks)  # rounding cannot carry it over
 
     def is_pose_possible(self, pose: Array) -> bool:
@@ -218,7 +239,9 @@ class ExcitationProblem:
             what = f"no pose was found in which all parts keep {self.apart.required:g} m from each other"
             what += f": at mid-range {' and '.join(between)} are {distance:.3g} m apart"
             return UsageError(
-                f"rig {rig.name}", what, "narrow its limits to where nothing hits, or ask for less clearance"
+                f"rig {rig.name}",
+                what,
+                "narrow its limits to where nothing hits, or ask for less clearance",
             )
         worst = int(np.argmax(still))
         need = still[worst] * self.envelope.torque[worst]

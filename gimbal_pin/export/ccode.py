@@ -48,13 +48,38 @@ FORMULAS: Mapping[str, str] = {
     "OP_OR": "{0} || {1}",
 }
 """casadi's operations that the formulas of this package use."""
-STRUCTURES = {"p": "parameters", "there": "ahead", "none": "ahead", "seen": "sensors", "state": "holding"}
+STRUCTURES = {
+    "p": "parameters",
+    "there": "ahead",
+    "none": "ahead",
+    "seen": "sensors",
+    "state": "holding",
+}
 """Structures of C: what the names of their fields begin with → their own where that is another."""
-STRUCTURES |= dict.fromkeys(["loop", "robust", "terms", "error", "reference", "upright", "limits", "way"], "")
+STRUCTURES |= dict.fromkeys(
+    ["loop", "robust", "terms", "error", "reference", "upright", "limits", "way"], ""
+)
 STRUCTURES |= dict.fromkeys(["gaze", "view", "judging", "aim"], "")
-SCALARS = {"t", "since", "stride", "p_dt", "p_still", "p_gravity", "p_level_span", "p_fusion_gain", "p_fusion_share"}
+SCALARS = {
+    "t",
+    "since",
+    "stride",
+    "p_dt",
+    "p_still",
+    "p_gravity",
+    "p_level_span",
+    "p_fusion_gain",
+    "p_fusion_share",
+}
 """Names of one entry that are no arrays in C."""
-SCALARS |= {"p_fusion_bound", "robust_alpha", "robust_disturbance", "robust_gain", "upright_eased", "upright_samples"}
+SCALARS |= {
+    "p_fusion_bound",
+    "robust_alpha",
+    "robust_disturbance",
+    "robust_gain",
+    "upright_eased",
+    "upright_samples",
+}
 SCALARS |= {"limits_steep", "limits_damping", "view_steep", "way_rate", "way_ramp", "state_trust"}
 SCALARS |= {"judging_slow", "judging_mean", "judging_rise", "judging_fall"}
 
@@ -87,14 +112,21 @@ def declare(name: str, size: int) -> tuple[str, str]:
     if structure not in STRUCTURES:
         return name, f"float {name}" if name in SCALARS else f"float {name}[{size}]"
     kind = f"struct gimbal_{STRUCTURES[structure] or structure}"
-    return structure, f"{kind} loop[GIMBAL_JOINTS]" if structure == "loop" else f"{kind} *{structure}"
+    return (
+        structure,
+        f"{kind} loop[GIMBAL_JOINTS]" if structure == "loop" else f"{kind} *{structure}",
+    )
 
 
 def c_function(function: casadi.Function, told: str) -> tuple[str, str, int]:
     """Return a function's prototype, with a comment above it, its definition, and how many operations a call takes."""
     body, count = lines(function)
-    inputs = dict(declare(function.name_in(i), function.numel_in(i)) for i in range(function.n_in()))
-    outputs = dict(declare(function.name_out(i), function.numel_out(i)) for i in range(function.n_out()))
+    inputs = dict(
+        declare(function.name_in(i), function.numel_in(i)) for i in range(function.n_in())
+    )
+    outputs = dict(
+        declare(function.name_out(i), function.numel_out(i)) for i in range(function.n_out())
+    )
     read = {name: own if name in SCALARS else f"const {own}" for name, own in inputs.items()}
     parameters = {**read, **outputs}
     head = f"void gimbal_{function.name()}({', '.join(parameters.values())})"
@@ -113,7 +145,9 @@ def lines(function: casadi.Function) -> tuple[list[str], int]:
     import casadi as ca
 
     names = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
-    flat = ca.Function("flat", function.sx_in(), function.call(function.sx_in()), {"live_variables": False})
+    flat = ca.Function(
+        "flat", function.sx_in(), function.call(function.sx_in()), {"live_variables": False}
+    )
     inputs = [function.name_in(i) for i in range(function.n_in())]
     outputs = [function.name_out(i) for i in range(function.n_out())]
     known: dict[int, str] = {}
@@ -136,5 +170,9 @@ def lines(function: casadi.Function) -> tuple[list[str], int]:
             out.append(f"    const {kind} x{len(out)} = {formula};")
             count += name != "OP_ASSIGN"
         else:
-            raise ModelError(f"export: {function.name()}", f"holds {name}, which C is not told of", "report the model")
+            raise ModelError(
+                f"export: {function.name()}",
+                f"holds {name}, which C is not told of",
+                "report the model",
+            )
     return [*out, *last], count

@@ -23,7 +23,9 @@ MEND = "build it from what 'gimbal-pin export' wrote: cmake -S DIR -B DIR/build 
 
 
 NEEDED = {"gimbal_about", "gimbal_default_parameters"} | {
-    f"gimbal_{kind}_{what}" for kind in ("tracking", "holding") for what in ("size", "start", "step")
+    f"gimbal_{kind}_{what}"
+    for kind in ("tracking", "holding")
+    for what in ("size", "start", "step")
 }
 """Symbols of a controller."""
 
@@ -44,7 +46,11 @@ def defined(content: bytes) -> set[str]:
         for entry in range(at_, at_ + length, 24) if kind == 11 else ():  # SHT_DYNSYM
             name, section = struct.unpack_from("<I2xH", content, entry)
             first = sections[link][1] + name
-            found |= {content[first : content.index(b"\0", first)].decode(errors="replace")} if section else set()
+            found |= (
+                {content[first : content.index(b"\0", first)].decode(errors="replace")}
+                if section
+                else set()
+            )
     return found
 
 
@@ -80,7 +86,9 @@ class Library:
         about = json.loads(code.gimbal_about())
         if about["joints"] != list(rig.joints):
             what = f"is for the joints {', '.join(about['joints'])}"
-            raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: export for it")
+            raise ModelError(
+                place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: export for it"
+            )
         check_origin(about, rig, place)
         return Library(str(Path(path).resolve()), about, rig.tau_max)
 
@@ -93,7 +101,9 @@ class Library:
 
     def torque(self, tau: np.ndarray) -> Array:
         """Return single-precision torques in double: those at a limit are at it to the last digit."""
-        return np.where(np.abs(tau) >= self.limit.astype(np.float32), np.copysign(self.limit, tau), tau)
+        return np.where(
+            np.abs(tau) >= self.limit.astype(np.float32), np.copysign(self.limit, tau), tau
+        )
 
     @property
     def law(self) -> CompiledLaw:
@@ -103,7 +113,9 @@ class Library:
     @cached_property
     def parameters(self) -> ctypes.c_void_p:
         """Address of the default parameters."""
-        return ctypes.c_void_p(ctypes.addressof(ctypes.c_char.in_dll(self.code, "gimbal_default_parameters")))
+        return ctypes.c_void_p(
+            ctypes.addressof(ctypes.c_char.in_dll(self.code, "gimbal_default_parameters"))
+        )
 
     @property
     def n(self) -> int:
@@ -137,7 +149,9 @@ class CompiledLaw:
         code.gimbal_tracking_start(memory)
         return memory.raw
 
-    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: bytes) -> tuple[Array, bytes]:
+    def torque(
+        self, t: float, q: Array, v: Array, reference: Reference, memory: bytes
+    ) -> tuple[Array, bytes]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
         held = ctypes.create_string_buffer(memory, len(memory))
         tau = np.empty(self.library.n, np.float32)

@@ -31,10 +31,15 @@ class Equations:
     def declare(self, names: str) -> SimpleNamespace:
         """Return a symbol per name: scalars, `NAME:SIZE`, or one entry per joint."""
         found = [name.split(":") for name in names.split()]
-        sizes = {name: int(*size) if size else 1 if name in SCALARS else self.chain.n for name, *size in found}
+        sizes = {
+            name: int(*size) if size else 1 if name in SCALARS else self.chain.n
+            for name, *size in found
+        }
         return SimpleNamespace(**{name: self.ca.SX.sym(name, size) for name, size in sizes.items()})
 
-    def describe(self, *builders: Callable[[], casadi.Function]) -> list[tuple[casadi.Function, str]]:
+    def describe(
+        self, *builders: Callable[[], casadi.Function]
+    ) -> list[tuple[casadi.Function, str]]:
         """Return the functions, each with what its builder says of it, which C says, too."""
         return [(build(), getdoc(build) or "") for build in builders]
 
@@ -54,13 +59,23 @@ class LawEquations(Equations):
     def __init__(self, chain: Chain, model: Model, robust: bool) -> None:
         """Take the torque of the bodies and of the terms."""
         super().__init__(chain)
-        self.robust, self.model, self.torque, (self.terms, self.values) = robust, model, chain.torque(), terms(model)
+        self.robust, self.model, self.torque, (self.terms, self.values) = (
+            robust,
+            model,
+            chain.torque(),
+            terms(model),
+        )
         others = self.terms.numel_in(0)
         self.coefficients = f"terms_constant terms_per_slide terms_per_rate terms_others:{others}"
 
     def list_functions(self) -> list[tuple[casadi.Function, str]]:
         """Return all of them, and what they are."""
-        builders = self.build_moving_torque, self.build_standing_torque, self.build_feedback, self.build_cut
+        builders = (
+            self.build_moving_torque,
+            self.build_standing_torque,
+            self.build_feedback,
+            self.build_cut,
+        )
         return self.describe(*builders)
 
     def build_feedback(self) -> casadi.Function:
@@ -76,7 +91,9 @@ class LawEquations(Equations):
         )
         e = x.goal_q - x.q
         rate = x.goal_v - x.v
-        if any(self.model.rig.continuous):  # the shorter way round: an encoder that wraps is no error of a turn
+        if any(
+            self.model.rig.continuous
+        ):  # the shorter way round: an encoder that wraps is no error of a turn
             turn = 2 * pi * ca.DM([float(endless) for endless in self.model.rig.continuous])
             e -= turn * ca.floor(e / (2 * pi) + 0.5)
         total = x.integral + x.p_dt * e
@@ -85,14 +102,22 @@ class LawEquations(Equations):
         pull = ca.if_else(size <= x.loop_knee, x.loop_kp * e, ca.copysign(far, e))
         y = x.loop_ki * total + x.loop_kd * rate + pull
         if self.robust:
-            z = ca.sum2(ca.reshape(x.robust_direction, 3, self.chain.n).T * ca.horzcat(total, e, rate))
-            most = (x.robust_alpha * (norm(x.wished) + norm(y)) + x.robust_disturbance) / (1 - x.robust_alpha)
+            z = ca.sum2(
+                ca.reshape(x.robust_direction, 3, self.chain.n).T * ca.horzcat(total, e, rate)
+            )
+            most = (x.robust_alpha * (norm(x.wished) + norm(y)) + x.robust_disturbance) / (
+                1 - x.robust_alpha
+            )
             y += z * ca.if_else(x.robust_gain * norm(z) <= most, x.robust_gain, most / norm(z))
-        return self.function("feedback", x, error_angle=e, error_rate=rate, error_integral=total, y=y)
+        return self.function(
+            "feedback", x, error_angle=e, error_rate=rate, error_integral=total, y=y
+        )
 
     def build_moving_torque(self) -> casadi.Function:
         """Torque of the model on a base that moves, N m, y on top of wanted accelerations: see `CarriedTorque.at`."""
-        x = self.declare(f"p_dt {self.coefficients} t there_q there_v there_a there_f:3 there_w:3 there_dw:3 y")
+        x = self.declare(
+            f"p_dt {self.coefficients} t there_q there_v there_a there_f:3 there_w:3 there_dw:3 y"
+        )
         q = x.there_q
         v = x.there_v
         a = x.there_a + x.y
@@ -100,14 +125,20 @@ class LawEquations(Equations):
         slide = compute_direction(v, x.there_a, x.p_dt)
         rest = self.torque(q, v, a, *base) + self.sum_affine_terms(x, slide, v)
         weight = self.torque(q, 0, 0, *base) if self.model.weighed else rest
-        return self.function("moving_torque", x, tau=rest + self.sum_other_terms(x, (q, v, a, slide), rest, weight, 0))
+        return self.function(
+            "moving_torque",
+            x,
+            tau=rest + self.sum_other_terms(x, (q, v, a, slide), rest, weight, 0),
+        )
 
     def build_standing_torque(self) -> casadi.Function:
         """Torque of the model on a base that stands upright with the joints accelerating by y, N m.
 
         Dry friction is that of the reference's direction: see `ComputedTorque.inverse`.
         """
-        x = self.declare(f"p_tracking_lead p_still p_gravity {self.coefficients} t q v y reference_v reference_a")
+        x = self.declare(
+            f"p_tracking_lead p_still p_gravity {self.coefficients} t q v y reference_v reference_a"
+        )
         q = x.q + x.p_tracking_lead * x.v
         rate = x.reference_v + x.p_tracking_lead * x.reference_a
         base = (self.ca.vertcat(0, 0, x.p_gravity), 0, 0)
@@ -116,7 +147,9 @@ class LawEquations(Equations):
         known = self.sum_affine_terms(x, slide, rate)
         weight = self.torque(q, 0, 0, *base) if self.model.weighed else rigid
         return self.function(
-            "standing_torque", x, tau=rigid + self.sum_other_terms(x, (q, rate, x.y, slide), rigid, weight, known)
+            "standing_torque",
+            x,
+            tau=rigid + self.sum_other_terms(x, (q, rate, x.y, slide), rigid, weight, known),
         )
 
     def build_cut(self) -> casadi.Function:
@@ -127,14 +160,21 @@ class LawEquations(Equations):
         held = ca.logic_or(further, ca.fabs(x.error_angle) > x.loop_knee)
         # What is no number stays none, for the caller to see.
         tau = ca.if_else(ca.fabs(x.wanted) > x.p_limit, ca.copysign(x.p_limit, x.wanted), x.wanted)
-        return self.function("cut_torque", x, integral_next=ca.if_else(held, x.integral, x.error_integral), tau=tau)
+        return self.function(
+            "cut_torque", x, integral_next=ca.if_else(held, x.integral, x.error_integral), tau=tau
+        )
 
     def sum_affine_terms(self, x: SimpleNamespace, slide: Symbols, rate: Symbols) -> Symbols:
         """Torque of the affine terms, N m."""
         return x.terms_constant + x.terms_per_slide * slide + x.terms_per_rate * rate
 
     def sum_other_terms(
-        self, x: SimpleNamespace, at: tuple[Symbols, ...], rest: Symbols, weight: Symbols, known: Symbols
+        self,
+        x: SimpleNamespace,
+        at: tuple[Symbols, ...],
+        rest: Symbols,
+        weight: Symbols,
+        known: Symbols,
     ) -> Symbols:
         """Torque of all other terms, with what is known of it, where the rest asks for `rest`, N m.
 

@@ -58,11 +58,23 @@ def convert_to_mjcf(model: Model) -> tuple[str, tuple[str, ...]]:
 
 def _iterate_unwritten(model: Model) -> Iterator[str]:
     """Yield a note on each term, drive and change of a model that MuJoCo has no element for."""
-    lost = [term.sentence() for term in model.terms if not (term.effect.affine or _is_written(term))]
-    lags = {signal.joint: signal for signal in reversed(model.drive) if isinstance(signal, ActuatorLag)}
-    sharp = [signal for signal in model.drive if isinstance(signal, Saturation) and not (signal.knee or signal.side)]
+    lost = [
+        term.sentence() for term in model.terms if not (term.effect.affine or _is_written(term))
+    ]
+    lags = {
+        signal.joint: signal for signal in reversed(model.drive) if isinstance(signal, ActuatorLag)
+    }
+    sharp = [
+        signal
+        for signal in model.drive
+        if isinstance(signal, Saturation) and not (signal.knee or signal.side)
+    ]
     lost += [signal.sentence() for signal in model.drive if signal not in (*lags.values(), *sharp)]
-    lost += [change.sentence() for change in model.changes if change.carried(np.zeros(1), None) is not None]
+    lost += [
+        change.sentence()
+        for change in model.changes
+        if change.carried(np.zeros(1), None) is not None
+    ]
     yield from (f"not in MuJoCo's model: {sentence}" for sentence in lost)
     resistance = Resistance(model.by_joint)
     for joint, constant in zip(model.rig.joints, resistance.constant):
@@ -70,13 +82,19 @@ def _iterate_unwritten(model: Model) -> Iterator[str]:
             size = f"{constant:+.6g} {model.rig.in_units(joint, 'N m')}"
             yield f"not in MuJoCo's model: {joint}: a constant torque of {size}; subtract it in qfrc_applied"
     for kind, values in (("frictionloss", resistance.per_slide), ("damping", resistance.per_rate)):
-        yield from (f"{joint}: {kind} {x:.3g} is written as 0" for joint, x in zip(model.rig.joints, values) if x < 0)
+        yield from (
+            f"{joint}: {kind} {x:.3g} is written as 0"
+            for joint, x in zip(model.rig.joints, values)
+            if x < 0
+        )
 
 
 def _is_written(term: Term) -> bool:
     """Whether MuJoCo has an element for a term that is not affine in direction and rate."""
     effect = term.effect
-    linear_spring = isinstance(effect, CableSpring) and not (effect.stiffening or effect.growth or effect.taut)
+    linear_spring = isinstance(effect, CableSpring) and not (
+        effect.stiffening or effect.growth or effect.taut
+    )
     gain = isinstance(effect, TorqueGain) and effect.side == 0
     return isinstance(effect, Armature) or gain or (linear_spring and term.values[1] > 0)
 
@@ -89,9 +107,13 @@ def _write_body(parent: etree._Element, model: Model, j: int) -> etree._Element:
     about = np.asarray(inertia.inertia)
     rule = "has no mass" if not inertia.mass > 0 else describe_broken_rule(about)
     if rule is not None:
-        raise ModelError(f"body {rig.links[j - 1]}", rule, "identify it again with --estimator physical")
+        raise ModelError(
+            f"body {rig.links[j - 1]}", rule, "identify it again with --estimator physical"
+        )
     body = etree.SubElement(parent, "body", name=rig.links[j - 1], **_format_pose(at))
-    entries = [about[row, column] for row, column in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    entries = [
+        about[row, column] for row, column in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    ]
     full = {"mass": f"{inertia.mass:.17g}", "fullinertia": format_numbers(entries)}
     etree.SubElement(body, "inertial", pos=format_numbers(inertia.lever), **full)
     data = rig.model.joints[j].createData()
@@ -111,7 +133,11 @@ def _write_body(parent: etree._Element, model: Model, j: int) -> etree._Element:
     }
     if np.isfinite([limits.lower, limits.upper]).all():
         written["range"] = format_numbers([limits.lower, limits.upper])
-    springs = [t.values for t in model.by_joint[j - 1] if isinstance(t.effect, CableSpring) and _is_written(t)]
+    springs = [
+        t.values
+        for t in model.by_joint[j - 1]
+        if isinstance(t.effect, CableSpring) and _is_written(t)
+    ]
     if springs:
         offset, stiffness = np.sum(springs, axis=0)
         written |= {"stiffness": f"{stiffness:.17g}", "springref": f"{-offset / stiffness:.17g}"}
@@ -123,7 +149,11 @@ def _add_actuator(actuators: etree._Element, model: Model, j: int) -> None:
     """Add the motor of the j-th joint, from 0."""
     rig = model.rig
     gear = model.rig.motors[j].gear_ratio
-    gains = [1 - t.values[0] for t in model.by_joint[j] if isinstance(t.effect, TorqueGain) and _is_written(t)]
+    gains = [
+        1 - t.values[0]
+        for t in model.by_joint[j]
+        if isinstance(t.effect, TorqueGain) and _is_written(t)
+    ]
     written = {"gear": f"{gear:.17g}", "gainprm": f"{np.prod(gains):.17g}"}
     if np.isfinite(most := float(np.prod(gains)) * model.tau_max[j] / abs(gear)):
         written["forcerange"] = format_numbers([-most, most])
@@ -145,15 +175,22 @@ def _add_shapes(rig: Rig, bodies: list[etree._Element], asset: etree._Element) -
             etree.SubElement(body, "site", name=frame.name, **_format_pose(frame.placement))
         if frame.name == rig.camera_frame:  # MuJoCo's looks along -z, its y is up
             turned = frame.placement.rotation @ np.array([[0.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])
-            place = {"pos": format_numbers(frame.placement.translation), "xyaxes": format_numbers(turned.T.ravel())}
+            place = {
+                "pos": format_numbers(frame.placement.translation),
+                "xyaxes": format_numbers(turned.T.ravel()),
+            }
             etree.SubElement(body, "camera", name=frame.name, **place)
         for visual in robot.xpath("link[@name=$name]/visual", name=frame.name):
             shape = visual.find("geometry")[0]
             place = _format_pose(frame.placement * read_pose(visual))
             if shape.tag in sizes:
-                numbers = np.concatenate([read_numbers(shape, key, "0") for key in sizes[shape.tag].split()])
+                numbers = np.concatenate(
+                    [read_numbers(shape, key, "0") for key in sizes[shape.tag].split()]
+                )
                 numbers *= [0.5] * 3 if shape.tag == "box" else [1.0, 0.5][: len(numbers)]
-                etree.SubElement(body, "geom", type=shape.tag, size=format_numbers(numbers), **look, **place)
+                etree.SubElement(
+                    body, "geom", type=shape.tag, size=format_numbers(numbers), **look, **place
+                )
                 continue
             file = find_mesh_file(shape.get("filename", ""), rig.path.parent)
             if shape.tag == "mesh" and file is not None and file.suffix.lower() in (".stl", ".obj"):
@@ -162,7 +199,9 @@ def _add_shapes(rig: Rig, bodies: list[etree._Element], asset: etree._Element) -
                 etree.SubElement(asset, "mesh", name=name, file=str(file), scale=scale)
                 etree.SubElement(body, "geom", type="mesh", mesh=name, **look, **place)
             else:
-                notes.append(f"not drawn: {shape.get('filename', shape.tag)} of {frame.name}; MuJoCo reads STL and OBJ")
+                notes.append(
+                    f"not drawn: {shape.get('filename', shape.tag)} of {frame.name}; MuJoCo reads STL and OBJ"
+                )
     return notes
 
 

@@ -20,13 +20,27 @@ class NavigationEquations(Equations):
         """Take the camera's kinematics."""
         super().__init__(chain)
         self.camera, self.drift, self.between = chain.camera(), chain.drift(), chain.between()
-        self.first = 0 if chain.n > 2 else 1  # of two axes those across the line of sight are commanded
+        self.first = (
+            0 if chain.n > 2 else 1
+        )  # of two axes those across the line of sight are commanded
         self.undone = f"view_against:{3 * chain.n}"
 
     def list_functions(self) -> list[tuple[casadi.Function, str]]:
         """Return all of them, and what they are."""
-        looks = self.chain.between, self.build_camera_rate, self.build_view, self.build_approach, self.build_gaze
-        motion = self.build_level, self.build_fusion, self.build_aim, self.build_trust, self.build_wish
+        looks = (
+            self.chain.between,
+            self.build_camera_rate,
+            self.build_view,
+            self.build_approach,
+            self.build_gaze,
+        )
+        motion = (
+            self.build_level,
+            self.build_fusion,
+            self.build_aim,
+            self.build_trust,
+            self.build_wish,
+        )
         return self.describe(*looks, *motion)
 
     def build_camera_rate(self) -> casadi.Function:
@@ -40,7 +54,13 @@ class NavigationEquations(Equations):
         x = self.declare("limits_steep limits_damping q")
         R, against, fine = self.view(x.limits_steep, x.limits_damping, x.q)
         rows = self.chain.rows
-        return self.function("view", x, view_R=rows(R), view_against=rows(against), view_steep=self.ca.logic_not(fine))
+        return self.function(
+            "view",
+            x,
+            view_R=rows(R),
+            view_against=rows(against),
+            view_steep=self.ca.logic_not(fine),
+        )
 
     def build_approach(self) -> casadi.Function:
         """A step of Newton towards an attitude, at most `stride`, from known angles: see `Sight.reached`."""
@@ -49,7 +69,9 @@ class NavigationEquations(Equations):
         left = self.chain.log(self.chain.product(x.base, x.to))
         step = self.undo(x) @ left
         scaled = x.q + step * ca.fmin(1, x.stride / ca.fmax(ca.mmax(ca.fabs(step)), 1e-12))
-        return self.function("approach", x, q_next=scaled, left=ca.mmax(ca.fabs(left[self.first :])))
+        return self.function(
+            "approach", x, q_next=scaled, left=ca.mmax(ca.fabs(left[self.first :]))
+        )
 
     def build_gaze(self) -> casadi.Function:
         """Where the camera should look so long after the start of a turn: see `Turn.progress` and `Turn.gaze`."""
@@ -69,7 +91,11 @@ class NavigationEquations(Equations):
         _, J = self.look(q)
         looks = self.chain.product(x.way_base, self.between(q)[:4])
         return self.function(
-            "gaze", x, gaze_attitude=looks, gaze_w=J @ v, gaze_dw=self.drift(q, v, still, still) + J @ a
+            "gaze",
+            x,
+            gaze_attitude=looks,
+            gaze_w=J @ v,
+            gaze_dw=self.drift(q, v, still, still) + J @ a,
         )
 
     def build_level(self) -> casadi.Function:
@@ -81,7 +107,9 @@ class NavigationEquations(Equations):
         up = x.upright_up
         means = ca.reshape(x.upright_means, 3, 3)
         world = self.chain.product(x.camera, self.chain.inverse(x.to))
-        force = self.chain.product(self.chain.product(world, ca.vertcat(0, x.f)), self.chain.inverse(world))[1:]
+        force = self.chain.product(
+            self.chain.product(world, ca.vertcat(0, x.f)), self.chain.inverse(world)
+        )[1:]
         count = ca.fmin(x.upright_samples + 1, x.p_level_span)
         for k in range(3):
             means[:, k] += (3 + k) / (count + 2 + k) * (force - x.p_gravity * up - means[:, k])
@@ -97,7 +125,9 @@ class NavigationEquations(Equations):
 
     def build_fusion(self) -> casadi.Function:
         """Gap between the camera's attitude and what another gyro makes of it: see `Fusion.compared`."""
-        x = self.declare("p_fusion_gain p_fusion_share p_fusion_bound own:4 other:4 to:4 gap:3 slow:3")
+        x = self.declare(
+            "p_fusion_gain p_fusion_share p_fusion_bound own:4 other:4 to:4 gap:3 slow:3"
+        )
         product = self.chain.product
         inverse = self.chain.inverse
         seen = self.chain.log(product(inverse(x.own), product(x.other, x.to)))
@@ -130,12 +160,16 @@ class NavigationEquations(Equations):
         change = (x.now[:3] - x.before[:3]) / x.p_dt
         errors = x.due - ca.repmat(ca.vertcat(change, mean[3:]), 2)
         slow = x.state_slow_errors + x.judging_slow * (errors - x.state_slow_errors)
-        squares = [ca.sum1(ca.reshape(y * y, 3, 4)) for y in (errors, slow)]  # dw and f foreseen, dw and f held
+        squares = [
+            ca.sum1(ca.reshape(y * y, 3, 4)) for y in (errors, slow)
+        ]  # dw and f foreseen, dw and f held
         found = ca.horzcat(squares[0][:2], squares[1][:2], squares[0][2:], squares[1][2:]).T
         scores = x.state_scores + x.judging_mean * (found - x.state_scores)
         better = reduce(ca.logic_and, ca.vertsplit(scores[:4] < scores[4:]))
         trust = x.state_trust
-        trust = ca.if_else(better, ca.fmin(1, trust + x.judging_rise), ca.fmax(0, trust - x.judging_fall))
+        trust = ca.if_else(
+            better, ca.fmin(1, trust + x.judging_rise), ca.fmax(0, trust - x.judging_fall)
+        )
         after = dict(state_slow_errors_next=slow, state_scores_next=scores, state_trust_next=trust)
         return self.function("trust", x, **after, none_w=mean[:3], none_dw=change, none_f=mean[3:])
 
@@ -161,7 +195,9 @@ class NavigationEquations(Equations):
         """Rates of the joints that undo a turn of the camera, of a view that is known, (n, 3)."""
         return self.ca.reshape(x.view_against, 3, self.chain.n).T
 
-    def view(self, steepest: Symbols, damping: Symbols, q: Symbols) -> tuple[Symbols, Symbols, Symbols]:
+    def view(
+        self, steepest: Symbols, damping: Symbols, q: Symbols
+    ) -> tuple[Symbols, Symbols, Symbols]:
         """Attitude, rates of the joints that undo a turn of the camera, (n, 3), and whether they are exact."""
         ca = self.ca
         (R, whole) = self.look(q)
@@ -176,6 +212,8 @@ class NavigationEquations(Equations):
             fine = ca.logic_and(most < steepest * size, size > 1e-9)
         else:
             exact = J.T @ ca.inv_minor(own)
-            fine = ca.logic_and(ca.mmax(ca.fabs(exact)) < steepest, ca.det(own) > steepest ** (-2 * m))
+            fine = ca.logic_and(
+                ca.mmax(ca.fabs(exact)) < steepest, ca.det(own) > steepest ** (-2 * m)
+            )
         inverse = ca.if_else(fine, exact, damped)
         return R, ca.horzcat(ca.SX(n, self.first), -inverse), fine

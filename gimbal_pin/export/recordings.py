@@ -25,7 +25,9 @@ def check_recordings(mcap: Path | None, rrd: Path | None) -> None:
     needed = (("--mcap", mcap, "mcap_ros2", "mcap"), ("--rrd", rrd, "rerun", "rerun"))
     for option, path, package, extra in needed:
         if path is not None and find_spec(package) is None:
-            raise UsageError(option, f"needs the package {package}", f"pip install 'gimbal-pin[{extra}]'")
+            raise UsageError(
+                option, f"needs the package {package}", f"pip install 'gimbal-pin[{extra}]'"
+            )
 
 
 def write_recordings(
@@ -50,9 +52,14 @@ def write_mcap(rig: Rig, traces: Sequence[TorqueTrace], path: Path) -> None:
     from mcap_ros2.writer import Writer
 
     stamp = "int32 sec\nuint32 nanosec"
-    parts = {"std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id", "builtin_interfaces/Time": stamp}
+    parts = {
+        "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+        "builtin_interfaces/Time": stamp,
+    }
     fields = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
-    definition = "".join([fields, *(f"\n{80 * '='}\nMSG: {name}\n{own}" for name, own in parts.items())])
+    definition = "".join(
+        [fields, *(f"\n{80 * '='}\nMSG: {name}\n{own}" for name, own in parts.items())]
+    )
     origin = min(0.0, *(float(trace.t[0]) for trace in traces))  # stamps are not negative
     with open_replacement(path) as temporary, wrap_os_errors(path), temporary.open("wb") as file:
         writer = Writer(file)
@@ -60,7 +67,11 @@ def write_mcap(rig: Rig, traces: Sequence[TorqueTrace], path: Path) -> None:
         state = writer.register_msgdef("sensor_msgs/msg/JointState", definition)
         first = min(float(trace.t[0]) for trace in traces) - origin
         writer.write_message("/robot_description", text, {"data": rig.urdf}, round(1e9 * first))
-        named = [(k, trace, *pair) for k, trace in enumerate(traces, start=1) for pair in trace.torques.items()]
+        named = [
+            (k, trace, *pair)
+            for k, trace in enumerate(traces, start=1)
+            for pair in trace.torques.items()
+        ]
         for k, trace, kind, torques in named:
             topic = f"/{kind}" if len(traces) == 1 else f"/log_{k}/{kind}"
             rows = zip(trace.t.tolist(), trace.q.tolist(), trace.v.tolist(), torques.tolist())
@@ -68,7 +79,9 @@ def write_mcap(rig: Rig, traces: Sequence[TorqueTrace], path: Path) -> None:
                 at = round(1e9 * (t - origin))
                 header = {"stamp": {"sec": at // 10**9, "nanosec": at % 10**9}, "frame_id": ""}
                 values = {"position": position, "velocity": velocity, "effort": torque}
-                writer.write_message(topic, state, {"header": header, "name": list(trace.joints), **values}, at)
+                writer.write_message(
+                    topic, state, {"header": header, "name": list(trace.joints), **values}, at
+                )
         writer.finish()
 
 
@@ -86,7 +99,10 @@ def write_rrd(rig: Rig, traces: Sequence[TorqueTrace], path: Path) -> None:
     for mesh in robot.iter("mesh"):
         if (file := find_mesh_file(mesh.get("filename", ""), rig.path.parent)) is not None:
             mesh.set("filename", str(file))
-    plots = [rrb.TimeSeriesView(origin=f"/torque/{joint}", name=f"{joint}: torque") for joint in rig.joints]
+    plots = [
+        rrb.TimeSeriesView(origin=f"/torque/{joint}", name=f"{joint}: torque")
+        for joint in rig.joints
+    ]
     views = rrb.Horizontal(rrb.Spatial3DView(origin="/", name=rig.title), rrb.Vertical(*plots))
     with open_replacement(path) as temporary, wrap_os_errors(path), TemporaryDirectory() as folder:
         written = Path(folder, "rig.urdf")

@@ -39,7 +39,9 @@ def package(stored: StoredController, c: Mapping[str, str]) -> dict[str, str]:
     rig = stored.model.rig
     if why := unable(rig, WANTED):
         raise UsageError(
-            "--ros2", f"holds a camera, which {rig.name} cannot: {why}", "use --c and gimbal_tracking_step"
+            "--ros2",
+            f"holds a camera, which {rig.name} cannot: {why}",
+            "use --c and gimbal_tracking_step",
         )
     links = gyros_between(rig)
     context = {
@@ -53,7 +55,11 @@ def package(stored: StoredController, c: Mapping[str, str]) -> dict[str, str]:
     }
     made = rendered(context, [f"ros2/{name}" for name in TEMPLATES])
     sources = {name: c[name] for name in C_SOURCES}
-    return {**sources, **{name.removeprefix("ros2/"): text for name, text in made.items()}, "gimbal.urdf": urdf(stored)}
+    return {
+        **sources,
+        **{name.removeprefix("ros2/"): text for name, text in made.items()},
+        "gimbal.urdf": urdf(stored),
+    }
 
 
 def imu(link: str) -> str:
@@ -65,7 +71,9 @@ def urdf(stored: StoredController) -> str:
     """Return the URDF of the model inside the controller, with a ``<ros2_control>`` of its joints and IMUs."""
     rig = stored.model.rig
     friction = Resistance(stored.model.by_joint)
-    rows = {joint: (friction.per_slide[j], friction.per_rate[j]) for j, joint in enumerate(rig.joints)}
+    rows = {
+        joint: (friction.per_slide[j], friction.per_rate[j]) for j, joint in enumerate(rig.joints)
+    }
     robot = etree.fromstring(replace_friction(to_urdf(rig, rig.phi), rows).encode())
     for old in robot.findall("ros2_control"):
         robot.remove(old)
@@ -88,7 +96,10 @@ def tags(rig: Rig) -> Any:
             etree.SubElement(joint, "state_interface", name=state)
     for link in (rig.camera_frame, rig.base, *gyros_between(rig)):
         sensor = etree.SubElement(system, "sensor", name=imu(link))
-        for quantity in ("angular_velocity", *(["linear_acceleration"] if link == rig.base else [])):
+        for quantity in (
+            "angular_velocity",
+            *(["linear_acceleration"] if link == rig.base else []),
+        ):
             for axis in "xyz":
                 etree.SubElement(sensor, "state_interface", name=f"{quantity}.{axis}")
         etree.SubElement(sensor, "param", name="frame_id").text = link

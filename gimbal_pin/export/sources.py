@@ -87,7 +87,9 @@ class Exported:
 
     def write(self, folder: str | Path) -> None:
         """Write the sources into a folder, all of them or none."""
-        writers = {name: partial(atomic_write, content=content) for name, content in self.files.items()}
+        writers = {
+            name: partial(atomic_write, content=content) for name, content in self.files.items()
+        }
         write_run(folder, writers, {"verb": "export"})
 
     def to_dict(self) -> dict[str, Any]:
@@ -118,13 +120,23 @@ def holder(stored: StoredController, imu: tuple[Any, Imu] | None = None) -> Poin
     step = float(station.step.max())
     late = wish.samples
     recipe = Recipe(
-        stored.model, WANTED, spectrum, station.noise, step, dt=wish.dt, delay=late, law=stored.law, learns=False
+        stored.model,
+        WANTED,
+        spectrum,
+        station.noise,
+        step,
+        dt=wish.dt,
+        delay=late,
+        law=stored.law,
+        learns=False,
     )
     return recipe.pointer(recipe.kind)
 
 
 @check_arguments
-def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu] | None = None) -> Exported:
+def export_controller(
+    controller: Tuning | StoredController, imu: tuple[Any, Imu] | None = None
+) -> Exported:
     """Return a controller's C99 sources; `Exported.write` puts them into a folder.
 
     Args:
@@ -142,7 +154,9 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
     chain = Chain(rig)
     kinematics = [chain.torque(), chain.camera(), chain.drift(), chain.between()]
     difference = checked(rig, kinematics, sight, np.random.default_rng(0))
-    law = LawEquations(chain, model, isinstance(stored.law, ComputedTorque) and stored.law.robust is not None)
+    law = LawEquations(
+        chain, model, isinstance(stored.law, ComputedTorque) and stored.law.robust is not None
+    )
     functions = [*NavigationEquations(chain).list_functions(), *law.list_functions()]
     equations = [c_function(*function) for function in functions]
     links = gyros_between(rig)
@@ -166,7 +180,10 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
         "stored": stored,
     }
     counts = {function.name(): count for (function, _), (*_, count) in zip(functions, equations)}
-    cost = {name: times * counts.get(name, PER_TAP * TAPS) for name, times in calls(stored, pointer).items()}
+    cost = {
+        name: times * counts.get(name, PER_TAP * TAPS)
+        for name, times in calls(stored, pointer).items()
+    }
     memory = state_bytes(rig.n, len(links), pointer.navigator.forecast.due)
     made = rendered({**context, "operations": cost, "memory": memory}, EXPORTED_FILES)
     return Exported(made, cost, memory, difference, pointer)
@@ -225,7 +242,10 @@ def drives(stored: StoredController) -> list[tuple[Any, float]]:
 
     model = stored.model
     own = model.drives if isinstance(stored.law, ComputedTorque) else ((),) * model.rig.n
-    return [(partial(invert_drive, drive), min(limit, 1e6)) for drive, limit in zip(own, model.tau_max.tolist())]
+    return [
+        (partial(invert_drive, drive), min(limit, 1e6))
+        for drive, limit in zip(own, model.tau_max.tolist())
+    ]
 
 
 def list_parameters_of(
@@ -272,7 +292,9 @@ def list_parameters_of(
         "forecast": [weights.tolist() for weights in forecast.weights],
         "lasting": exp(-dt / PAID),
         "most_owed": MOST_UNREALISED_TORQUE,
-        "judging": dict(zip(("slow", "mean", "rise", "fall"), (*forecast.shares, dt / RISE, dt / FALL))),
+        "judging": dict(
+            zip(("slow", "mean", "rise", "fall"), (*forecast.shares, dt / RISE, dt / FALL))
+        ),
         "fusion_gain": 0.0 if navigator.fusion is None else navigator.fusion.gain,
         "fusion_share": 0.0 if navigator.fusion is None else navigator.fusion.share,
         "fusion_bound": 0.0 if navigator.fusion is None else navigator.fusion.bound,
@@ -358,7 +380,11 @@ def written(value: Any, depth: int = 0) -> str:
 def quoted(text: str) -> str:
     """Return a C string of ASCII: every other byte of its UTF-8 as an octal escape, so that none is a trigraph."""
     plain = set(b"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-. ,:{}[]")
-    return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode()) + '"'
+    return (
+        '"'
+        + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode())
+        + '"'
+    )
 
 
 def escape_markdown(text: str) -> str:

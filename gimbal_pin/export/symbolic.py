@@ -126,7 +126,11 @@ class Chain:
     def turn(self, joint: RecursionJoint, angle: Symbols) -> Symbols:
         """Attitude of a joint's frame in its parent's: ``R (I + sin q [s] + (1 - cos q) [s]²)``, (3, 3)."""
         skew = pin.skew(joint.axis)
-        rodrigues = self.ca.SX(np.eye(3) + skew @ skew) + self.ca.sin(angle) * skew - self.ca.cos(angle) * (skew @ skew)
+        rodrigues = (
+            self.ca.SX(np.eye(3) + skew @ skew)
+            + self.ca.sin(angle) * skew
+            - self.ca.cos(angle) * (skew @ skew)
+        )
         return self.ca.mtimes(self.ca.SX(joint.rotation), self.cleaned(rodrigues))
 
     def cleaned(self, x: Symbols) -> Symbols:
@@ -150,7 +154,8 @@ class Chain:
         offsets = list[Symbols]()
         for j, joint in enumerate(self.joints):
             rate, swing, origin = (
-                x[joint.parent] if joint.parent >= 0 else y for x, y in zip((rates, swings, origins), (w, dw, f))
+                x[joint.parent] if joint.parent >= 0 else y
+                for x, y in zip((rates, swings, origins), (w, dw, f))
             )
             place = ca.SX(joint.place)
             axis = ca.SX(joint.axis)
@@ -174,16 +179,25 @@ class Chain:
             first = ca.SX(firsts[j])
             inertia = ca.SX(inertias[j])
             push = pushes[j] + ca.cross(swing, first) + ca.cross(rate, ca.cross(rate, first))
-            moment = moments[j] + ca.mtimes(inertia, swing) + ca.cross(rate, ca.mtimes(inertia, rate))
-            tau[j] = ca.dot(ca.SX(joint.axis), moment + ca.cross(h[j], origins[j])) + float(rotors[j]) * a[j]
+            moment = (
+                moments[j] + ca.mtimes(inertia, swing) + ca.cross(rate, ca.mtimes(inertia, rate))
+            )
+            tau[j] = (
+                ca.dot(ca.SX(joint.axis), moment + ca.cross(h[j], origins[j]))
+                + float(rotors[j]) * a[j]
+            )
             if joint.parent >= 0:
                 k = joint.parent
                 place = ca.SX(joint.place)
-                beyond, through, turned = (ca.mtimes(self.turns[j], x) for x in (h[j], push, moment))
+                beyond, through, turned = (
+                    ca.mtimes(self.turns[j], x) for x in (h[j], push, moment)
+                )
                 h[k] += beyond
                 pushes[k] += through
                 moments[k] += turned + ca.cross(beyond, offsets[j]) + ca.cross(place, through)
-        return self.function("rigid_torque", dict(q=self.q, v=v, a=a, f=f, w=w, dw=dw), dict(tau=ca.vertcat(*tau)))
+        return self.function(
+            "rigid_torque", dict(q=self.q, v=v, a=a, f=f, w=w, dw=dw), dict(tau=ca.vertcat(*tau))
+        )
 
     def camera(self) -> casadi.Function:
         """Attitude R of the camera in the base link, row by row, and J: ``ω_c = Rᵀ ω + J q̇`` in the camera's frame."""
@@ -209,12 +223,16 @@ class Chain:
         rates = list[Symbols]()
         swings = list[Symbols]()
         for j, joint in enumerate(self.joints):
-            rate, swing = (w, dw) if joint.parent < 0 else (rates[joint.parent], swings[joint.parent])
+            rate, swing = (
+                (w, dw) if joint.parent < 0 else (rates[joint.parent], swings[joint.parent])
+            )
             carried = ca.mtimes(self.turns[j].T, rate)
             own = ca.SX(joint.axis) * v[j]
             rates.append(carried + own)
             swings.append(ca.mtimes(self.turns[j].T, swing) + ca.cross(carried, own))
-        swing = ca.mtimes(ca.SX(drop_rounding(frame.placement.rotation)).T, swings[int(frame.parentJoint) - 2])
+        swing = ca.mtimes(
+            ca.SX(drop_rounding(frame.placement.rotation)).T, swings[int(frame.parentJoint) - 2]
+        )
         return self.function("camera_drift", dict(q=self.q, v=v, w=w, dw=dw), dict(drift=swing))
 
     def between(self) -> casadi.Function:
@@ -280,7 +298,9 @@ class Chain:
         """Entries of a matrix row by row, as C stores them."""
         return self.ca.vec(matrix.T)
 
-    def function(self, name: str, inputs: dict[str, Symbols], outputs: dict[str, Symbols]) -> casadi.Function:
+    def function(
+        self, name: str, inputs: dict[str, Symbols], outputs: dict[str, Symbols]
+    ) -> casadi.Function:
         """Return a function of named vectors, what its formulas share worked out but once."""
         dense = [self.ca.densify(x) for x in self.ca.cse(list(outputs.values()))]
         return self.ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs))
@@ -313,7 +333,9 @@ def terms(model: Model) -> tuple[casadi.Function, list[float]]:
     t = ca.SX.sym("t")
     out = [ca.SX(0)] * n
     values = list[float]()
-    count = sum(len(term.values) for terms in model.by_joint for term in terms if not term.effect.affine)
+    count = sum(
+        len(term.values) for terms in model.by_joint for term in terms if not term.effect.affine
+    )
     coefficients = ca.SX.sym("c", max(count, 1))
     for j, terms_here in enumerate(model.by_joint):
         at = {name: x[j] for name, x in own.items()}
@@ -324,10 +346,14 @@ def terms(model: Model) -> tuple[casadi.Function, list[float]]:
                     out[j] = out[j] + coefficients[len(values)] * basis
                     values.append(float(value))
     found = [ca.densify(ca.cse(ca.vertcat(*out)))]
-    return ca.Function("terms", [coefficients, t, *own.values()], found, ["c", "t", *names], ["added"]), values
+    return ca.Function(
+        "terms", [coefficients, t, *own.values()], found, ["c", "t", *names], ["added"]
+    ), values
 
 
-def checked(rig: Rig, functions: Sequence[casadi.Function], sight: Any, rng: np.random.Generator) -> float:
+def checked(
+    rig: Rig, functions: Sequence[casadi.Function], sight: Any, rng: np.random.Generator
+) -> float:
     """Return the largest difference between the symbols and Pinocchio, in double precision, relative over one.
 
     Raises:
@@ -345,9 +371,13 @@ def checked(rig: Rig, functions: Sequence[casadi.Function], sight: Any, rng: np.
         w = rng.normal(0, 3, 3)
         dw = rng.normal(0, 30, 3)
         state = np.concatenate([np.zeros(6), [1.0], q])
-        expected = pin.rnea(sight.model, data, state, np.concatenate([np.zeros(3), w, v]), np.concatenate([f, dw, a]))[
-            6:
-        ]
+        expected = pin.rnea(
+            sight.model,
+            data,
+            state,
+            np.concatenate([np.zeros(3), w, v]),
+            np.concatenate([f, dw, a]),
+        )[6:]
         turned = sight.between(q)
         quaternions = np.array(between(q)).reshape(-1, 4).tolist()
         pairs = [
@@ -392,13 +422,23 @@ DEPTH = 24
 
 
 def refined(
-    command: Callable[[float], float], limit: float, low: tuple[float, float], high: tuple[float, float], depth: int
+    command: Callable[[float], float],
+    limit: float,
+    low: tuple[float, float],
+    high: tuple[float, float],
+    depth: int,
 ) -> list[tuple[float, float]]:
     """Return the points after `low` up to `high`."""
     thirds = [low[0] + share * (high[0] - low[0]) for share in (0.25, 0.5, 0.75)]
     middle = [(x, command(x)) for x in thirds]
-    gap = max(abs(y - (low[1] + (high[1] - low[1]) * (x - low[0]) / (high[0] - low[0]))) for x, y in middle)
+    gap = max(
+        abs(y - (low[1] + (high[1] - low[1]) * (x - low[0]) / (high[0] - low[0])))
+        for x, y in middle
+    )
     beyond = max(0.0, min(abs(low[1]), abs(high[1])) - 2 * limit)
     if depth == 0 or gap <= COMMAND_TOLERANCE * limit + beyond:
         return [high]
-    return [*refined(command, limit, low, middle[1], depth - 1), *refined(command, limit, middle[1], high, depth - 1)]
+    return [
+        *refined(command, limit, low, middle[1], depth - 1),
+        *refined(command, limit, middle[1], high, depth - 1),
+    ]

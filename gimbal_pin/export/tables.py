@@ -62,7 +62,10 @@ def feed(terms: tuple[Term, ...], count: int | None = None) -> Feed:
     angle = by_angle(terms, size)
     while count is None and size < MOST_POINTS:
         finer = by_angle(terms, 2 * size)
-        if np.abs(finer[1::2] - (angle + np.roll(angle, -1)) / 2).max() <= TABLE_TOLERANCE * np.abs(finer).max():
+        if (
+            np.abs(finer[1::2] - (angle + np.roll(angle, -1)) / 2).max()
+            <= TABLE_TOLERANCE * np.abs(finer).max()
+        ):
             break
         size = 2 * size
         angle = finer
@@ -78,7 +81,9 @@ def by_rate(terms: tuple[Term, ...], sign: float) -> Array:
     """Mean over a turn of what motion adds, at `FRICTION_RATES` in one direction; the first counts as just moving."""
     q = 2 * pi * np.arange(COGGING_BINS) / COGGING_BINS
     still = added(terms, q, 0.0, 0.0)
-    return np.array([np.mean(added(terms, q, sign * rate, sign) - still) for rate in FRICTION_RATES.tolist()])
+    return np.array(
+        [np.mean(added(terms, q, sign * rate, sign) - still) for rate in FRICTION_RATES.tolist()]
+    )
 
 
 def added(terms: tuple[Term, ...], q: Array, v: float, slide: float) -> Array:
@@ -107,7 +112,11 @@ def simplefoc(model: Model) -> dict[str, str]:
     }
     made = rendered(context, SIMPLEFOC[:2])
     units = {"angle_torque": "N m at 2 pi k / len rad", "rates": "rad/s", "forward_torque": "N m"}
-    data = {"schema": 1, "rig": rig.name, "units": {**units, "backward_torque": "N m, at minus the rates"}}
+    data = {
+        "schema": 1,
+        "rig": rig.name,
+        "units": {**units, "backward_torque": "N m, at minus the rates"},
+    }
     joints = {joint: own.to_dict() for joint, own in zip(rig.joints, feeds)}
     return {**made, SIMPLEFOC[2]: json.dumps({**data, "joints": joints}, indent=1) + "\n"}
 
@@ -127,9 +136,13 @@ def odrive(model: Model) -> dict[str, Any]:
     for joint, motor, terms in zip(rig.joints, rig.motors, model.by_joint):
         if abs(motor.gear_ratio) != 1:
             what = f"takes one turn of the motor, and {joint} is geared by {motor.gear_ratio:g}"
-            raise UsageError("--odrive", what, "use --simplefoc, whose tables go by the joint's angle")
+            raise UsageError(
+                "--odrive", what, "use --simplefoc, whose tables go by the joint's angle"
+            )
         own = feed(terms, COGGING_BINS)
-        middles = (own.angle + np.roll(own.angle, -1)) / 2  # an entry is in force from its angle to the next one's
+        middles = (
+            own.angle + np.roll(own.angle, -1)
+        ) / 2  # an entry is in force from its angle to the next one's
         axes[joint] = {
             "cogging_map": middles.tolist(),
             "friction": {

@@ -11,7 +11,13 @@ import multiprocessing
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    as_completed,
+)
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -57,7 +63,11 @@ def open_executor(workers: int = 0, scheduler: str | None = None) -> Iterator[Ex
         UsageError: Dask is not installed, or the scheduler does not answer.
     """
     if scheduler is None:
-        with ThreadPoolExecutor(1) if workers == 1 else open_processes(workers or os.cpu_count() or 1) as pool:
+        with (
+            ThreadPoolExecutor(1)
+            if workers == 1
+            else open_processes(workers or os.cpu_count() or 1) as pool
+        ):
             yield pool
         return
     try:
@@ -66,17 +76,23 @@ def open_executor(workers: int = 0, scheduler: str | None = None) -> Iterator[Ex
         client = Client(scheduler, timeout=CLUSTER_TIMEOUT, set_as_default=False)
     except ImportError as error:
         mend = "pip install gimbal-pin[cluster]"
-        raise UsageError("--scheduler", "needs dask[distributed], which is not installed", mend) from error
+        raise UsageError(
+            "--scheduler", "needs dask[distributed], which is not installed", mend
+        ) from error
     except (OSError, ValueError) as error:
         what = f"does not answer ({error})"
-        raise UsageError(f"--scheduler {scheduler}", what, "start 'dask scheduler' there") from error
+        raise UsageError(
+            f"--scheduler {scheduler}", what, "start 'dask scheduler' there"
+        ) from error
     with client:
         yield client.get_executor(pure=False)
 
 
 def open_processes(workers: int) -> ProcessPoolExecutor:
     """Return a pool of processes that end with this one, even if it is killed."""
-    return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=watch_parent)
+    return ProcessPoolExecutor(
+        workers, multiprocessing.get_context("spawn"), initializer=watch_parent
+    )
 
 
 def watch_parent() -> None:
@@ -119,9 +135,13 @@ def map_units(
     from tqdm import tqdm
 
     if find_spec("pyarrow") is None:
-        raise UsageError("results", "need pyarrow, which is not installed", "pip install gimbal-pin[fleet]")
+        raise UsageError(
+            "results", "need pyarrow, which is not installed", "pip install gimbal-pin[fleet]"
+        )
     with ExitStack() as stack:
-        place = make_folder(stack.enter_context(TemporaryDirectory()) if folder is None else folder).resolve()
+        place = make_folder(
+            stack.enter_context(TemporaryDirectory()) if folder is None else folder
+        ).resolve()
         rows = read_rows(place, {**(settings or {}), "units": len(units)})
         missing = sorted({*range(len(units))} - rows.keys())
         size = max(len(missing) // MOST_TASKS, 1)
@@ -132,17 +152,23 @@ def map_units(
             pool = executor or stack.enter_context(open_executor())
             for k in range(0, len(missing), size):
                 task = missing[k : k + size]
-                pending.add(pool.submit(compute_rows, work, task, [units[number] for number in task]))
+                pending.add(
+                    pool.submit(compute_rows, work, task, [units[number] for number in task])
+                )
             for future in as_completed(list(pending)):
                 pending.discard(future)
                 if error := future.exception():
                     raise BrokenExecutor(repr(error))
                 rows |= future.result()
-                file.writelines(f"{json.dumps([number, row])}\n" for number, row in future.result().items())
+                file.writelines(
+                    f"{json.dumps([number, row])}\n" for number, row in future.result().items()
+                )
                 file.flush()
                 bar.update(len(future.result()))
         except (BrokenExecutor, OSError) as error:
-            raise UsageError(str(place), f"is incomplete: the run stopped ({error})", RESUME) from error
+            raise UsageError(
+                str(place), f"is incomplete: the run stopped ({error})", RESUME
+            ) from error
         finally:
             bar.close()
             for future in pending:
@@ -154,7 +180,9 @@ def map_units(
         return table
 
 
-def compute_rows(work: Callable[[Any], Row], numbers: Sequence[int], units: Sequence[Any]) -> dict[int, Row]:
+def compute_rows(
+    work: Callable[[Any], Row], numbers: Sequence[int], units: Sequence[Any]
+) -> dict[int, Row]:
     """Return the rows of some units, by their numbers, each with an `error` or None."""
     rows = dict[int, Row]()
     with limit_to_one_thread():
@@ -176,13 +204,17 @@ def read_rows(folder: Path, settings: Mapping[str, object]) -> dict[int, Row]:
     head = f"{json.dumps(settings)}\n"
     if not path.exists():
         if names := sorted(other.name for other in folder.iterdir()):
-            raise UsageError(str(folder), f"holds {names[0]}, which is of no run", "give an empty folder")
+            raise UsageError(
+                str(folder), f"holds {names[0]}, which is of no run", "give an empty folder"
+            )
         atomic_write(path, head)
     first, *lines = path.read_text().splitlines(keepends=True)
     if first != head:
         earlier = read_settings(folder)
         stated = json.loads(head)
-        other = ", ".join(name for name in {**stated, **earlier} if earlier.get(name) != stated.get(name))
+        other = ", ".join(
+            name for name in {**stated, **earlier} if earlier.get(name) != stated.get(name)
+        )
         what = f"holds another run's results: other {other}"
         raise UsageError(str(folder), what, "give another folder, or the same settings to continue")
     # A process that is killed may leave half of the last line.

@@ -177,7 +177,10 @@ class Fleet(Record):
         """Return the values of the JSON output."""
         return {
             "schema": 1,
-            **{name: getattr(self, name) for name in ("rig", "payload", "reference", "logs", "failed", "counts")},
+            **{
+                name: getattr(self, name)
+                for name in ("rig", "payload", "reference", "logs", "failed", "counts")
+            },
             "units": [asdict(unit) for unit in self.units],
             "population": self.population.rename_axis("name").reset_index().to_dict("records"),
             "causes": [asdict(cause) for cause in self.causes],
@@ -219,12 +222,16 @@ def compare_fleet(
     manifest = logs if isinstance(logs, Manifest) else read_manifest(logs)
     wanted = manifest.rig if rig is None else rig
     if wanted is None:
-        raise UsageError(manifest.place, "names no rig", "add 'rig: NAME' to manifest.yaml, or give --rig")
+        raise UsageError(
+            manifest.place, "names no rig", "add 'rig: NAME' to manifest.yaml, or give --rig"
+        )
     loaded = wanted if isinstance(wanted, Rig) else Rig.load(wanted, payload or manifest.payload)
     settings = list_settings(loaded, manifest, quick, seed)
     earlier = None if reference is None else read_reference(reference, settings)
     if earlier is None and len({log.unit for log in manifest.logs}) < 2:
-        raise UsageError(manifest.place, "has the logs of one unit", "add other units' logs, or give --reference")
+        raise UsageError(
+            manifest.place, "has the logs of one unit", "add other units' logs, or give --reference"
+        )
     work = partial(examine_log, rig=loaded, cutoff=manifest.cutoff, quick=quick, seed=seed)
     table = map_units(work, manifest.logs, executor, folder=folder, settings=settings, quiet=quiet)
     table = table.reindex(columns=list(dict.fromkeys([*table, *COLUMNS])))
@@ -236,7 +243,9 @@ def compare_fleet(
     return judge_fleet(loaded, manifest, reference, table, earlier)
 
 
-def examine_log(log: FleetLog, rig: Rig, cutoff: float | None, quick: bool, seed: int) -> dict[str, Value]:
+def examine_log(
+    log: FleetLog, rig: Rig, cutoff: float | None, quick: bool, seed: int
+) -> dict[str, Value]:
     """Return a log's row.
 
     Its columns: `value.NAME`, `std.NAME` per parameter and their `units` as JSON; `torque_rmse.JOINT` of the fit, N m;
@@ -247,14 +256,20 @@ def examine_log(log: FleetLog, rig: Rig, cutoff: float | None, quick: bool, seed
     try:
         read = read_log(log.path, rig, log.mapping)
         fit = identify(rig, [read], holdout="none", filtering=filtering, examined="never")
-        row: dict[str, Value] = {"serial": log.unit, "units": json.dumps(dict(zip(fit.names, fit.units)))}
+        row: dict[str, Value] = {
+            "serial": log.unit,
+            "units": json.dumps(dict(zip(fit.names, fit.units))),
+        }
         row |= zip([f"value.{name}" for name in fit.names], fit.estimate.theta.tolist())
         row |= zip([f"std.{name}" for name in fit.names], fit.estimate.std.tolist())
         row |= {f"torque_rmse.{joint}": rmse for joint, rmse in fit.train.torque_rmse.items()}
         with suppress(DataError):
             diagnosis = None if quick else diagnose(rig, [read], rng=np.random.default_rng(seed))
             if diagnosis is not None:
-                row |= {"verdict": diagnosis.verdict, "findings": json.dumps(list_findings(diagnosis))}
+                row |= {
+                    "verdict": diagnosis.verdict,
+                    "findings": json.dumps(list_findings(diagnosis)),
+                }
         return row
     except GimbalPinError as error:
         return {"serial": log.unit, "error": str(error)}
@@ -263,7 +278,9 @@ def examine_log(log: FleetLog, rig: Rig, cutoff: float | None, quick: bool, seed
 def list_findings(diagnosis: Diagnosis) -> list[Finding]:
     """Return named causes and faults of a log."""
     findings = [(one.cause, one.joint, "data") for one in diagnosis.spoiling]
-    findings += [(one.cause, one.joint, one.status) for one in diagnosis.findings if one.status == "named"]
+    findings += [
+        (one.cause, one.joint, one.status) for one in diagnosis.findings if one.status == "named"
+    ]
     return list(dict.fromkeys(findings))
 
 
@@ -277,7 +294,9 @@ def list_settings(rig: Rig, manifest: Manifest, quick: bool, seed: int) -> dict[
         "quick": quick,
         "seed": seed,
         "logs": [asdict(log) for log in manifest.logs],
-        "changed": [os.stat(file).st_mtime_ns for log in manifest.logs for file in files_of(log.path)],
+        "changed": [
+            os.stat(file).st_mtime_ns for log in manifest.logs for file in files_of(log.path)
+        ],
     }
 
 
@@ -290,7 +309,9 @@ def read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
         table = pd.read_parquet(Path(folder) / TABLE).dropna(subset="units")
     except (OSError, ValueError) as error:
         what = f"{folder} is no result of a fleet ({error})"
-        raise UsageError("--reference", what, "give a folder that 'gimbal-pin fleet -o' wrote") from error
+        raise UsageError(
+            "--reference", what, "give a folder that 'gimbal-pin fleet -o' wrote"
+        ) from error
     for key in ("rig", "payload", "cutoff"):
         if earlier.get(key) != settings[key]:
             what = f"has the {key} {earlier.get(key)}"
@@ -307,13 +328,17 @@ class Findings(NamedTuple):
 
     def is_own(self, finding: Finding, unit: str) -> bool:
         """Return whether less than `MAJORITY` of the other units have a finding."""
-        return len(self.owners.get(finding, set()) - {unit}) < MAJORITY * len(self.diagnosed - {unit})
+        return len(self.owners.get(finding, set()) - {unit}) < MAJORITY * len(
+            self.diagnosed - {unit}
+        )
 
 
 def read_findings(table: DataFrame) -> Findings:
     """Return the findings in a table of logs."""
     texts = table["findings"].astype(object).fillna("[]")
-    of_logs = [[(cause, joint, status) for cause, joint, status in json.loads(text)] for text in texts]
+    of_logs = [
+        [(cause, joint, status) for cause, joint, status in json.loads(text)] for text in texts
+    ]
     owners = defaultdict[Finding, set[str]](set)
     for unit, findings in zip(table["serial"], of_logs):
         for finding in findings:
@@ -325,7 +350,12 @@ def list_parameters(table: DataFrame) -> dict[str, str]:
     """Return parameter → unit of measure, of those in at least half of the logs: a base that moves shows more."""
     stated = [json.loads(text) for text in table["units"]]
     count = Counter(name for units in stated for name in units)
-    return {name: unit for units in stated for name, unit in units.items() if count[name] >= MAJORITY * len(table)}
+    return {
+        name: unit
+        for units in stated
+        for name, unit in units.items()
+        if count[name] >= MAJORITY * len(table)
+    }
 
 
 def judge_fleet(
@@ -337,30 +367,50 @@ def judge_fleet(
     findings = read_findings(table)
     others = findings if earlier is None else read_findings(earlier)
     named = zip(table["serial"], findings.of_logs)
-    table["own"] = [[finding for finding in own if others.is_own(finding, unit)] for unit, own in named]
+    table["own"] = [
+        [finding for finding in own if others.is_own(finding, unit)] for unit, own in named
+    ]
     table["is_spoilt"] = [any(status == "data" for *_, status in own) for own in table["own"]]
     logs = table[table["units"].notna() & ~table["is_spoilt"]]
     fleet = set(logs["serial"])
     if logs.empty:
         why = ": ".join(["", *table["error"].dropna()[:1]])
-        raise DataError(manifest.place, f"has no log that can be used{why}", "record them as 'gimbal-pin check' says")
+        raise DataError(
+            manifest.place,
+            f"has no log that can be used{why}",
+            "record them as 'gimbal-pin check' says",
+        )
     if earlier is not None:
         earlier = earlier.assign(serial=EARLIER + earlier["serial"])
         fleet = set(earlier["serial"])
         logs = pd.concat([logs, earlier])
     if len(fleet) < 2:
-        raise DataError(manifest.place, "has fewer than two units whose logs can be used", "record more")
+        raise DataError(
+            manifest.place, "has fewer than two units whose logs can be used", "record more"
+        )
     units = list_parameters(logs)
     values, stds = (
-        logs.reindex(columns=[f"{kind}.{name}" for name in units]).astype(float).set_axis([*units], axis=1)
+        logs.reindex(columns=[f"{kind}.{name}" for name in units])
+        .astype(float)
+        .set_axis([*units], axis=1)
         for kind in ("value", "std")
     )
-    compared = compare_units(values, stds, logs["serial"].tolist(), logs["time"].tolist(), reference=[*fleet])
+    compared = compare_units(
+        values, stds, logs["serial"].tolist(), logs["time"].tolist(), reference=[*fleet]
+    )
     largest = LARGEST_ERROR_RATIO * compared.errors.loc[[*fleet]].median()
     is_uncertain = compared.errors > np.hypot(compared.population["spread"], largest)
-    judged = [judge_unit(str(unit), rows, compared, is_uncertain) for unit, rows in table.groupby("serial")]
+    judged = [
+        judge_unit(str(unit), rows, compared, is_uncertain)
+        for unit, rows in table.groupby("serial")
+    ]
     order = [Verdict.FAIL, Verdict.RETEST, Verdict.PASS]
-    judged.sort(key=lambda one: (order.index(one.verdict), min((own.p_value for own in one.deviations), default=1.0)))
+    judged.sort(
+        key=lambda one: (
+            order.index(one.verdict),
+            min((own.p_value for own in one.deviations), default=1.0),
+        )
+    )
     causes = [
         FleetCause(cause, joint, len(having), len(findings.diagnosed))
         for (cause, joint, _), having in findings.owners.items()
@@ -372,19 +422,27 @@ def judge_fleet(
         logs=len(table),
         failed=int(table["error"].notna().sum()),
         units=tuple(judged),
-        population=compared.population.assign(unit=units, detectable=compared.detectable.loc[[*fleet]].median()),
+        population=compared.population.assign(
+            unit=units, detectable=compared.detectable.loc[[*fleet]].median()
+        ),
         causes=tuple(sorted(causes, key=lambda cause: -cause.units)),
         is_dated=manifest.is_dated,
         table=table.drop(columns=["own", "is_crash", "is_spoilt"]),
     )
 
 
-def judge_unit(unit: str, rows: DataFrame, compared: Comparison, is_uncertain: DataFrame) -> JudgedUnit:
+def judge_unit(
+    unit: str, rows: DataFrame, compared: Comparison, is_uncertain: DataFrame
+) -> JudgedUnit:
     """Return a unit's verdict from the rows of its logs."""
     rows = rows.sort_values("time", kind="stable")
     taken = dict(zip(rows["time"], rows["taken"]))
-    deviations = [replace(own, since=taken.get(own.since)) for own in compared.deviations if own.unit == unit]
-    uncertain = [name for name in is_uncertain if unit in is_uncertain.index and is_uncertain.at[unit, name]]
+    deviations = [
+        replace(own, since=taken.get(own.since)) for own in compared.deviations if own.unit == unit
+    ]
+    uncertain = [
+        name for name in is_uncertain if unit in is_uncertain.index and is_uncertain.at[unit, name]
+    ]
     causes = dict[Finding, UnitCause]()
     was_diagnosed = False
     for own, when, verdict in zip(rows["own"], rows["taken"], rows["verdict"]):
@@ -395,16 +453,28 @@ def judge_unit(unit: str, rows: DataFrame, compared: Comparison, is_uncertain: D
     is_error = rows["error"].notna()
     holds = {
         Reason.ODD_PARAMETER: bool(deviations),
-        Reason.OWN_CAUSE: any(status == "named" for own in rows["own"][~rows["is_spoilt"]] for *_, status in own),
+        Reason.OWN_CAUSE: any(
+            status == "named" for own in rows["own"][~rows["is_spoilt"]] for *_, status in own
+        ),
         Reason.DATA: bool((is_error & ~rows["is_crash"] | rows["is_spoilt"]).any()),
         Reason.ERROR: bool(rows["is_crash"].any()),
         Reason.UNCERTAIN: bool(uncertain),
     }
     reasons = tuple(reason for reason in holds if holds[reason])
-    verdict = Verdict.FAIL if {*reasons} & {*FAILING} else Verdict.RETEST if reasons else Verdict.PASS
+    verdict = (
+        Verdict.FAIL if {*reasons} & {*FAILING} else Verdict.RETEST if reasons else Verdict.PASS
+    )
     errors = [
-        error.replace(f"{Path(path).parent}/", "") for path, error in rows[["path", "error"]][is_error].to_numpy()
+        error.replace(f"{Path(path).parent}/", "")
+        for path, error in rows[["path", "error"]][is_error].to_numpy()
     ]
     return JudgedUnit(
-        unit, verdict, reasons, len(rows), tuple(deviations), tuple(causes.values()), tuple(uncertain), tuple(errors)
+        unit,
+        verdict,
+        reasons,
+        len(rows),
+        tuple(deviations),
+        tuple(causes.values()),
+        tuple(uncertain),
+        tuple(errors),
     )

@@ -94,7 +94,9 @@ def read_manifest(folder: str | Path) -> Manifest:
     """
     base = Path(folder).resolve()
     if not base.is_dir():
-        raise UsageError(str(base), "is no folder", "give the one that holds the logs and their manifest")
+        raise UsageError(
+            str(base), "is no folder", "give the one that holds the logs and their manifest"
+        )
     names = sorted(path.name for path in base.iterdir())
     manifests = [name for name in MANIFESTS if name in names]
     if len(manifests) > 1:
@@ -102,7 +104,9 @@ def read_manifest(folder: str | Path) -> Manifest:
     place = str(base.joinpath(*manifests))
     # Most JSON files are results and settings; a manifest names those that are logs.
     suffixes = FORMATS.keys() - {".json"}
-    stated = _Statement(tuple(_Entry(name) for name in names if Path(name).suffix.lower() in suffixes))
+    stated = _Statement(
+        tuple(_Entry(name) for name in names if Path(name).suffix.lower() in suffixes)
+    )
     if manifests:
         content = read_yaml(place) if Path(place).suffix in YAML_SUFFIXES else read_table(place)
         stated = read_record(_Statement, content, place, UsageError)
@@ -122,15 +126,23 @@ def read_manifest(folder: str | Path) -> Manifest:
             what = f"has {kind} where logs[0] has {next(iter(kinds))}"
             raise UsageError(own, what, "give all logs a date, all a number, or none a time")
         if paths.setdefault(path, k) != k:
-            raise UsageError(own, f"is {entry.log}, which is logs[{paths[path]}], too", "list it once")
+            raise UsageError(
+                own, f"is {entry.log}, which is logs[{paths[path]}], too", "list it once"
+            )
         unit = (entry.unit or "").strip() or Path(entry.log).stem.strip()
         if (known := spellings.setdefault(unit.casefold(), unit)) != unit:
             what = f"is of unit '{unit}', which differs from '{known}' by letter case alone"
-            raise UsageError(own, what, "write the name of one unit one way, or name two units apart")
+            raise UsageError(
+                own, what, "write the name of one unit one way, or name two units apart"
+            )
         taken = Path(entry.log).name if entry.time is None else str(entry.time)
-        logs.append(FleetLog(path, unit, time, taken, {**common, **read_map(entry.map, base, f"{own}.map")}))
+        logs.append(
+            FleetLog(path, unit, time, taken, {**common, **read_map(entry.map, base, f"{own}.map")})
+        )
     rig = stated.rig and find_file(stated.rig, base, f"{place}: rig", bundled_rigs())
-    payload = stated.payload and find_file(stated.payload, base, f"{place}: payload", bundled_payloads())
+    payload = stated.payload and find_file(
+        stated.payload, base, f"{place}: payload", bundled_payloads()
+    )
     return Manifest(place, tuple(logs), rig, payload, stated.cutoff, "a date" in kinds)
 
 
@@ -142,7 +154,9 @@ def read_table(place: str) -> dict[str, Any]:
         check_size(place, os.path.getsize(place), UsageError)
         table = pd.read_csv(place, dtype=str) if place.endswith(".csv") else pd.read_parquet(place)
     except (OSError, ValueError, ImportError) as error:
-        raise UsageError(place, f"cannot be read ({error})", "write it as CSV in UTF-8, or as Parquet") from error
+        raise UsageError(
+            place, f"cannot be read ({error})", "write it as CSV in UTF-8, or as Parquet"
+        ) from error
     content = dict[str, Any]()
     for name in [name for name in COMMON if name in table]:
         values = table.pop(name).dropna().unique().tolist()
@@ -154,7 +168,10 @@ def read_table(place: str) -> dict[str, Any]:
     rows = [row.dropna().to_dict() for _, row in table.astype(object).iterrows()]
     return {
         **content,
-        "logs": [{key: x.isoformat() if isinstance(x, date) else x for key, x in row.items()} for row in rows],
+        "logs": [
+            {key: x.isoformat() if isinstance(x, date) else x for key, x in row.items()}
+            for row in rows
+        ],
     }
 
 
@@ -168,7 +185,9 @@ def find_file(name: str, base: Path, place: str, bundled: Sequence[str] = ()) ->
         return name
     path = str(base / name)
     if missing := [file for file in files_of(path) if not os.path.exists(file)]:
-        mend = "give a path relative to the manifest" + (f", or one of {', '.join(bundled)}" if bundled else "")
+        mend = "give a path relative to the manifest" + (
+            f", or one of {', '.join(bundled)}" if bundled else ""
+        )
         raise UsageError(place, f"is {missing[0]}, which does not exist", mend)
     return path
 
@@ -195,4 +214,6 @@ def read_time(stated: Any, count: int, place: str) -> tuple[float, str]:
         when = datetime.fromisoformat(stated.replace("Z", "+00:00"))
         return (when if when.tzinfo else when.replace(tzinfo=timezone.utc)).timestamp(), "a date"
     except (ValueError, AttributeError, OverflowError) as error:
-        raise UsageError(place, f"is {stated!r}", "write a date such as 2026-11-24, or a number") from error
+        raise UsageError(
+            place, f"is {stated!r}", "write a date such as 2026-11-24, or a number"
+        ) from error

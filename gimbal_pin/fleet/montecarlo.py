@@ -89,7 +89,9 @@ class MonteCarlo(Record):
             "schema": 1,
             **{name: getattr(self, name) for name in ("rig", "payload", "count", "failed")},
             "specification": [limit.text for limit in self.specification],
-            "yield": {name: getattr(self.yield_, name, None) for name in ("value", "low", "high", "of")},
+            "yield": {
+                name: getattr(self.yield_, name, None) for name in ("value", "low", "high", "of")
+            },
             "figures": self.figures.to_dict("index"),
             "sensitivity": self.sensitivity.rename_axis("input").reset_index().to_dict("records"),
             "worst": self.worst,
@@ -145,7 +147,11 @@ def monte_carlo(
     rigs = draw_rigs(variation.inputs, count, seed, sobol)
     units = list_figures(rig, platform)
     limits = tuple(parse_limit(text, units) for text in spec)
-    if platform and seconds < SHORTEST_DRIFTING and any(limit.figure == "drift" for limit in limits):
+    if (
+        platform
+        and seconds < SHORTEST_DRIFTING
+        and any(limit.figure == "drift" for limit in limits)
+    ):
         what = f"is {seconds:g} s, which shows no drift"
         raise UsageError("--seconds", what, f"give {SHORTEST_DRIFTING:g} s or more")
     study = make_study(variation, controller, retune, platform, seconds)
@@ -154,7 +160,9 @@ def monte_carlo(
     table = table.reindex(columns=list(dict.fromkeys([*table, *units])))
     is_run = table["error"].isna().to_numpy()
     asked = limits or (Limit(next(iter(units)), 1.0, ""),)
-    shares = [np.where(is_run, table[limit.figure].astype(float), np.inf) / limit.bound for limit in asked]
+    shares = [
+        np.where(is_run, table[limit.figure].astype(float), np.inf) / limit.bound for limit in asked
+    ]
     used = np.max(shares, axis=0)
     # Of a base point of Saltelli's design only the first and the last rig are independent draws.
     group = len(variation.inputs) + 2 if sobol else 1
@@ -215,7 +223,9 @@ def rank_influences(
     elif len(used) > 2 and np.any(used != used[0]):
         columns = np.array([rig.probabilities for rig in rigs]).T
         table["rank_correlation"] = [spearmanr(column, used).statistic for column in columns]
-    return table.sort_values("total" if sobol else "rank_correlation", key=np.abs, ascending=False, kind="stable")
+    return table.sort_values(
+        "total" if sobol else "rank_correlation", key=np.abs, ascending=False, kind="stable"
+    )
 
 
 def estimate_sobol_indices(points: Array, seed: int) -> Array:

@@ -153,10 +153,14 @@ def compare_units(
     from scipy.stats import chi2
 
     order = np.lexsort((times, units))
-    labels, starts, group = np.unique(np.asarray(units)[order], return_index=True, return_inverse=True)
+    labels, starts, group = np.unique(
+        np.asarray(units)[order], return_index=True, return_inverse=True
+    )
     is_fleet = np.isin(labels, units if reference is None else list(reference))
     if is_fleet.sum() < 2:
-        raise UsageError("fleet", "has fewer than two units to compare with", "give more units, or a reference")
+        raise UsageError(
+            "fleet", "has fewer than two units to compare with", "give more units, or a reference"
+        )
     fold = np.where(is_fleet, np.cumsum(is_fleet) % min(FOLDS, is_fleet.sum()), -1)
     y, error = (frame.to_numpy(float)[order] for frame in (values, stds))
     is_known = np.isfinite(y + error)
@@ -166,7 +170,9 @@ def compare_units(
     when = np.asarray(times, float)[order]
 
     def fit(left_out: NDArray[np.bool_]) -> _Fit:
-        return _fit_fleet(y, np.where((left_out | ~is_fleet[:, None])[group], np.inf, variance), starts, group)
+        return _fit_fleet(
+            y, np.where((left_out | ~is_fleet[:, None])[group], np.inf, variance), starts, group
+        )
 
     # Parameters and folds of which too little is known give NaN, which is no deviation.
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -213,7 +219,9 @@ def _find_outliers(y: Array, group: NDArray[np.intp]) -> NDArray[np.bool_]:
     return np.asarray(distance > OUTLIER_SCORE * NORMAL_MAD * distance.median())
 
 
-def _fit_fleet(y: Array, variance: Array, starts: NDArray[np.intp], group: NDArray[np.intp]) -> _Fit:
+def _fit_fleet(
+    y: Array, variance: Array, starts: NDArray[np.intp], group: NDArray[np.intp]
+) -> _Fit:
     """Fit the model to the logs whose variance is finite, (L, P)."""
     import pandas as pd
 
@@ -280,9 +288,13 @@ def _test_unit(y: Array, variance: Array, when: Array, fit: _Fit, false_alarms: 
         sizes.append((w * x * y).sum(axis=0) * variances[-1])
     size = np.array(sizes)
     std = np.sqrt(variances)
-    freedom = np.array([fit.freedom, *[np.where(has_repeats, fit.repeat_freedom, fit.freedom)] * len(courses)])
+    freedom = np.array(
+        [fit.freedom, *[np.where(has_repeats, fit.repeat_freedom, fit.freedom)] * len(courses)]
+    )
     p_value = 2 * size.size * stdtr(freedom, -np.abs(size) / std)
-    return np.array([size, std, np.fmin(p_value, 1.0), -stdtrit(freedom, false_alarms / (2 * size.size))])
+    return np.array(
+        [size, std, np.fmin(p_value, 1.0), -stdtrit(freedom, false_alarms / (2 * size.size))]
+    )
 
 
 def _describe_deviation(unit: str, name: str, tests: Array, when: Array) -> Deviation:
@@ -290,6 +302,12 @@ def _describe_deviation(unit: str, name: str, tests: Array, when: Array) -> Devi
     score = tests[0] / tests[1]
     k = np.lexsort((-np.abs(score), tests[2]))[0]
     size, std, p_value = tests[:, k].tolist()
-    kind = DeviationKind.OFFSET if k == 0 else DeviationKind.STEP if k < len(when) else DeviationKind.DRIFT
+    kind = (
+        DeviationKind.OFFSET
+        if k == 0
+        else DeviationKind.STEP
+        if k < len(when)
+        else DeviationKind.DRIFT
+    )
     since = float(when[k]) if kind is DeviationKind.STEP else None
     return Deviation(unit, name, kind, size, std, float(score[k]), p_value, since)

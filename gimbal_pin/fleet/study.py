@@ -57,9 +57,13 @@ def parse_limit(text: str, known: Mapping[str, str]) -> Limit:
     bound = parse_decimal(number.removesuffix(unit).strip())
     if figure not in known or not bound or bound < 0:
         what = (
-            f"states no positive number of {unit or 'a share'}" if figure in known else "names no figure of these runs"
+            f"states no positive number of {unit or 'a share'}"
+            if figure in known
+            else "names no figure of these runs"
         )
-        raise UsageError(f"--spec '{text}'", what, f"write FIGURE < NUMBER with one of {', '.join(known)}")
+        raise UsageError(
+            f"--spec '{text}'", what, f"write FIGURE < NUMBER with one of {', '.join(known)}"
+        )
     return Limit(figure, bound * SCALES[unit], text)
 
 
@@ -106,7 +110,11 @@ class Study:
         known = self.variation.estimated
         return {
             "rig": model.rig.name,
-            "model": [describe_rig(model.rig), model.to_dict(), known and known.covariance.tolist()],
+            "model": [
+                describe_rig(model.rig),
+                model.to_dict(),
+                known and known.covariance.tolist(),
+            ],
             "controller": [vars(self.wish), law and [law.gains, repr(vars(law).get("robust"))]],
             "believed": getattr(law, "model", model).to_dict(),
             "seconds": self.seconds,
@@ -124,7 +132,11 @@ class Study:
             law = self.law or tune(body, **vars(self.wish)).controller
             if self.recipe is None:
                 return row | self.simulate_step(law, plant, rig.seed)
-            recipe = self.recipe if self.law else replace(self.recipe, model=body, law=self.recipe.law and law)
+            recipe = (
+                self.recipe
+                if self.law
+                else replace(self.recipe, model=body, law=self.recipe.law and law)
+            )
             return row | self.hold_camera(recipe, plant, rig.seed)
         except GimbalPinError as error:
             return row | {"error": str(error)}
@@ -133,7 +145,9 @@ class Study:
         """Return the figures of a step of all axes: of no overshoot 0, of a joint that did not settle infinite."""
         rng = np.random.default_rng([seed, 2])
         delay = self.wish.samples
-        steps = track(plant, {"own": law}, rng=rng, seconds=self.seconds, delay=delay, one_by_one=False).experiments[0]
+        steps = track(
+            plant, {"own": law}, rng=rng, seconds=self.seconds, delay=delay, one_by_one=False
+        ).experiments[0]
         figures = compute_torque_shares(plant.rig, np.asarray(steps.log.tau))
         for joint, metrics in steps.joints.items():
             stays = isnan(metrics.overshoot_percent)
@@ -141,15 +155,21 @@ class Study:
             figures[f"rms_error_{joint}"] = metrics.rms_error
             figures[f"overshoot_percent_{joint}"] = 0.0 if stays else metrics.overshoot_percent
             figures[f"settling_time_{joint}"] = 0.0 if stays else settling
-        largest = {name: max(figures[f"{name}_{joint}"] for joint in plant.rig.joints) for name in STEPS}
-        return {name: {**largest, **figures}[name] for name in list_figures(plant.rig, platform=False)}
+        largest = {
+            name: max(figures[f"{name}_{joint}"] for joint in plant.rig.joints) for name in STEPS
+        }
+        return {
+            name: {**largest, **figures}[name] for name in list_figures(plant.rig, platform=False)
+        }
 
     def hold_camera(self, recipe: Recipe, plant: Model, seed: int) -> dict[str, float]:
         """Return the figures of a camera held on profile S."""
         holder = recipe.pointer(recipe.kind)
         ground = draw_profile(plant.rig, self.seconds, seed, holder.dt)
         rng = np.random.default_rng([seed, 2])
-        run = simulate_holding(plant, holder, ground, rng=rng, seconds=self.seconds, delay=self.wish.samples)
+        run = simulate_holding(
+            plant, holder, ground, rng=rng, seconds=self.seconds, delay=self.wish.samples
+        )
         shares = compute_torque_shares(plant.rig, np.asarray(run.tau)[run.counted])
         return {**dict(zip(PLATFORM, (*run.jitter, max(shares.values())))), **shares}
 
@@ -166,7 +186,11 @@ def describe_rig(rig: Rig) -> list[str]:
 
 
 def make_study(
-    variation: Variation, controller: StoredController | Tuning | None, retune: bool, platform: bool, seconds: float
+    variation: Variation,
+    controller: StoredController | Tuning | None,
+    retune: bool,
+    platform: bool,
+    seconds: float,
 ) -> Study:
     """Return the run of every rig; the controller knows the nominal rig, or its own model.
 
@@ -176,7 +200,9 @@ def make_study(
         UsageError: The rig cannot hold its camera, or a run is too short to show its jitter.
     """
     stored = controller.stored if isinstance(controller, Tuning) else controller
-    wish, law, model = (stored.wish, stored.law, stored.model) if stored else (Wish(), None, variation.model)
+    wish, law, model = (
+        (stored.wish, stored.law, stored.model) if stored else (Wish(), None, variation.model)
+    )
     recipe = None
     if platform:
         if seconds <= SHORTEST_HOLDING:

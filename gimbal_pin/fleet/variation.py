@@ -42,8 +42,12 @@ class Distribution(NamedTuple):
 
 def parse_distribution(stated: Any, place: str) -> Distribution:
     """Return the distribution that a file states."""
-    kind, *numbers = stated if isinstance(stated, (list, tuple)) and stated else ("normal", stated, 0.0)
-    is_number = [isinstance(x, (int, float)) and not isinstance(x, bool) and isfinite(x) for x in numbers]
+    kind, *numbers = (
+        stated if isinstance(stated, (list, tuple)) and stated else ("normal", stated, 0.0)
+    )
+    is_number = [
+        isinstance(x, (int, float)) and not isinstance(x, bool) and isfinite(x) for x in numbers
+    ]
     if kind not in ("uniform", "normal") or is_number != [True, True]:
         raise UsageError(place, f"is {stated!r}", DISTRIBUTION_SYNTAX)
     offset, second = map(float, numbers)
@@ -86,7 +90,9 @@ def choose_default_vary(model: Model) -> Vary:
         mounted = {**dict.fromkeys("xyz", ("normal", 0.0, 1.0)), "mass": ("normal", 0.0, 0.02)}
     except UsageError:
         mounted = {}
-    return Vary(**({} if estimate(model) else drawing), payload=mounted, delay=("uniform", 0.0, 0.001))
+    return Vary(
+        **({} if estimate(model) else drawing), payload=mounted, delay=("uniform", 0.0, 0.001)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +115,12 @@ class Variation:
 
     def choose_values(self, probabilities: Sequence[float]) -> dict[str, float]:
         """Return all numbers, from the probabilities of the inputs."""
-        x = dict(zip(self.inputs, np.clip(probabilities, MIN_PROBABILITY, 1 - MIN_PROBABILITY).tolist()))
+        x = dict(
+            zip(self.inputs, np.clip(probabilities, MIN_PROBABILITY, 1 - MIN_PROBABILITY).tolist())
+        )
         return {
-            name: own.offset + own.scale * float(ndtri(x[name]) if own.kind == "normal" else x[name])
+            name: own.offset
+            + own.scale * float(ndtri(x[name]) if own.kind == "normal" else x[name])
             if own.scale
             else own.offset
             for name, own in self.distributions.items()
@@ -124,12 +133,20 @@ class Variation:
         if self.estimated is not None:
             off = np.array([values[f"parameters.{name}"] for name in self.estimated.names])
             model = change_parameters(model, factor_covariance(self.estimated.covariance) @ off)
-        phi = model.rig.phi * np.repeat([1 + values[f"inertials.{link}"] for link in rig.links[: rig.n]], 10)
+        phi = model.rig.phi * np.repeat(
+            [1 + values[f"inertials.{link}"] for link in rig.links[: rig.n]], 10
+        )
         terms = []
         for term in model.terms:
-            factor = 1 + values[f"friction.{term.effect.joint}"] if is_motor_friction(term.effect) else 1.0
+            factor = (
+                1 + values[f"friction.{term.effect.joint}"]
+                if is_motor_friction(term.effect)
+                else 1.0
+            )
             terms.append(replace(term, values=tuple(x * factor for x in term.values)))
-        model = replace(model, rig=replace_bodies(model.rig, phi), terms=tuple(terms), estimated=None)
+        model = replace(
+            model, rig=replace_bodies(model.rig, phi), terms=tuple(terms), estimated=None
+        )
         offset = [values.get(f"payload.{axis}", 0.0) / 1000 for axis in "xyz"]
         causes: list[PayloadShift | PayloadMass] = [PayloadShift(*offset)] if any(offset) else []
         if extra := values.get("payload.mass", 0.0):
@@ -160,15 +177,21 @@ def make_variation(model: Model, vary: Vary | str | Path | None = None) -> Varia
     vary = vary or choose_default_vary(model)
     known = (estimate(model) or (None,))[0]
     if unknown := set(vary.payload) - {*"xyz", "mass"}:
-        raise UsageError(f"{place}: payload", f"has an unknown key '{min(unknown)}'", "give x, y, z (mm) or mass")
+        raise UsageError(
+            f"{place}: payload", f"has an unknown key '{min(unknown)}'", "give x, y, z (mm) or mass"
+        )
     stated = {f"parameters.{name}": vary.parameters for name in (known.names if known else ())}
     stated |= {f"inertials.{link}": vary.inertials for link in model.rig.links[: model.rig.n]}
     stated |= {f"friction.{joint}": vary.friction for joint in model.rig.joints}
     stated |= {f"payload.{name}": value for name, value in vary.payload.items()}
     stated["delay"] = vary.delay
-    stated |= {f"{cause}.{name}": x for cause, own in vary.effects.items() for name, x in own.items()}
+    stated |= {
+        f"{cause}.{name}": x for cause, own in vary.effects.items() for name, x in own.items()
+    }
     forms = {name: parse_distribution(x, f"{place}: {name}") for name, x in stated.items()}
-    variation = Variation(model, vary, known, forms, tuple(name for name, own in forms.items() if own.scale))
+    variation = Variation(
+        model, vary, known, forms, tuple(name for name, own in forms.items() if own.scale)
+    )
     values = variation.choose_values([0.75] * len(variation.inputs))
     try:
         variation.make_plant(variation.make_body(values), values)
@@ -194,7 +217,9 @@ class RigDraw(NamedTuple):
     seed: int
 
 
-def draw_rigs(inputs: Sequence[str], count: int, seed: int = 0, sobol: bool = False) -> list[RigDraw]:
+def draw_rigs(
+    inputs: Sequence[str], count: int, seed: int = 0, sobol: bool = False
+) -> list[RigDraw]:
     """Draw rigs, each from its own place in the seed.
 
     Args:
@@ -208,12 +233,16 @@ def draw_rigs(inputs: Sequence[str], count: int, seed: int = 0, sobol: bool = Fa
     width = len(inputs)
     if not sobol:
         rngs = [np.random.default_rng([seed, 1, k]) for k in range(count)]
-        return [RigDraw(tuple(rng.random(width).tolist()), int(rng.integers(2**63))) for rng in rngs]
+        return [
+            RigDraw(tuple(rng.random(width).tolist()), int(rng.integers(2**63))) for rng in rngs
+        ]
     if not inputs:
         raise UsageError("--sobol", "has nothing that varies", "state distributions in --vary")
     if count.bit_count() != 1:
         near = 2 ** (count.bit_length() - 1)
-        raise UsageError("--count", f"is {count}, the base of a Sobol' design", f"give {near} or {2 * near}")
+        raise UsageError(
+            "--count", f"is {count}, the base of a Sobol' design", f"give {near} or {2 * near}"
+        )
     noise = int(np.random.default_rng([seed, 2, 0]).integers(2**63))
     a, b = np.split(qmc.Sobol(2 * width, seed=seed).random(count), 2, axis=1)
     mixed = [np.where(np.arange(width) == k, b, a) for k in range(width)]

@@ -156,5 +156,7 @@ def _test_parameters(
         LogVerdict.DRIFTS if drifting else LogVerdict.NOT_SHOWN if hidden else LogVerdict.AGREES
         for drifting, hidden in zip(drifts, vague)
     ]
-    rows = zip(design.names, design.units, values.T, std.T, shared.tolist(), p_value.tolist(), verdicts)
+    rows = zip(
+        design.names, design.units, values.T, std.T, shared.tolist(), p_value.tolist(), verdicts
+    )
     return tuple(LoggedParameter(*row) for row in rows)

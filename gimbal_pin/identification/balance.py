@@ -158,7 +158,10 @@ def compute_balance(found: BaseDifference, mass: KnownMass | None = None) -> Bal
     slope, own = (np.zeros(len(beta)), 0.0) if mass is None else (mass.gain, mass.std**2)
     per_beta = gain - np.outer(way / weighs, slope)
     more = max(own - float(slope @ found.covariance @ slope), 0.0)
-    std = np.sqrt(np.maximum(np.diag(per_beta @ found.covariance @ per_beta.T), 0.0) + more * (way / weighs) ** 2)
+    std = np.sqrt(
+        np.maximum(np.diag(per_beta @ found.covariance @ per_beta.T), 0.0)
+        + more * (way / weighs) ** 2
+    )
     source = "stated" if mass is None else "weighed" if mass.is_weighed else "identified"
     available = dict(zip(rig.joints, rig.tau_max.tolist()))
     forces = {j: rig.in_units(j, "N m") for j in rig.joints}

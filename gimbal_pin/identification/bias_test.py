@@ -86,7 +86,9 @@ def compare_with_instruments(blocks: Sequence[Block], instruments: Sequence[Arra
     weight = weigh_joints(fit_instrumental(blocks, instruments).residual_std ** 2) ** 2
     plain = [block.A for block in blocks]
     (theta, gain), (shrunk, plain_gain) = (
-        solve_moments(compute_moments(list(zip(z, plain)), weight), compute_targets(blocks, z, weight))[:2]
+        solve_moments(
+            compute_moments(list(zip(z, plain)), weight), compute_targets(blocks, z, weight)
+        )[:2]
         for z in (instruments, plain)
     )
     noise = fit_residual_noise(blocks, instruments, theta, gain, weight).processes
@@ -104,7 +106,12 @@ def compare_with_instruments(blocks: Sequence[Block], instruments: Sequence[Arra
     moved = np.sum([np.sum((A @ difference) ** 2, axis=0) for A in plain], axis=0)
     torque = np.sum([np.sum(block.b**2, axis=0) for block in blocks], axis=0)
     share = np.sqrt(moved / np.where(torque > 1e-6 * torque.max(), torque, np.inf))
-    return Hausman(statistic, freedom, float(chdtrc(freedom, statistic)) if freedom else 1.0, float(share.max()))
+    return Hausman(
+        statistic,
+        freedom,
+        float(chdtrc(freedom, statistic)) if freedom else 1.0,
+        float(share.max()),
+    )
 
 
 WhenTested = Literal["never", "noisy", "always"]
@@ -159,13 +166,22 @@ class BiasCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds; `biased` is null where the test was not run."""
-        figures: dict[str, Any] = dict.fromkeys(("statistic", "freedom", "p_value", "change", "level", "biased"))
+        figures: dict[str, Any] = dict.fromkeys(
+            ("statistic", "freedom", "p_value", "change", "level", "biased")
+        )
         if self.test is not None:
             figures = {**asdict(self.test), "level": TEST_LEVEL, "biased": self.test.biased}
-        return {"noise_share": self.noise, **figures, "by_noise": self.by_noise, "sentence": self.sentence}
+        return {
+            "noise_share": self.noise,
+            **figures,
+            "by_noise": self.by_noise,
+            "sentence": self.sentence,
+        }
 
 
-def check_bias(blocks: DesignBlocks, asked: WhenTested, method: Method | None = None) -> BiasCheck | None:
+def check_bias(
+    blocks: DesignBlocks, asked: WhenTested, method: Method | None = None
+) -> BiasCheck | None:
     """Test least squares if asked to; None for "never".
 
     The instruments are simulated with bodies fitted to the same rows.
@@ -179,16 +195,22 @@ def check_bias(blocks: DesignBlocks, asked: WhenTested, method: Method | None = 
     noise = compute_acceleration_noise(first, design.filtering, blocks)
     if asked == "noisy" and noise < TESTED_NOISE:
         little = f"the sensors' noise is {100 * noise:.2g} % of the motion's acceleration, too little to bias"
-        return BiasCheck(noise, None, f"{little} least squares (--bias tests it all the same)", method)
+        return BiasCheck(
+            noise, None, f"{little} least squares (--bias tests it all the same)", method
+        )
     some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + TESTED_TIME))))
     judged = (
-        blocks if len(design.logs) == 1 and len(some) == len(first) else compute_blocks(replace(design, logs=(some,)))
+        blocks
+        if len(design.logs) == 1 and len(some) == len(first)
+        else compute_blocks(replace(design, logs=(some,)))
     )
     try:
         test = compare_with_instruments(judged, build_instruments(judged, fit_physical(judged)))
         return BiasCheck(noise, test, method=method)
     except DataError as error:
-        return BiasCheck(noise, None, f"whether least squares is biased cannot be tested: {error}", method)
+        return BiasCheck(
+            noise, None, f"whether least squares is biased cannot be tested: {error}", method
+        )
 
 
 def compute_acceleration_noise(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> float:
@@ -198,7 +220,9 @@ def compute_acceleration_noise(log: Log, filtering: Filtering, blocks: Sequence[
     says less; the motion's from the rows' rates, less what the noise that passes the smoothing adds to them.
     """
     fine = signals.noise_std(log.q)
-    noise = _compute_motion_noise(log, filtering.cutoff, np.maximum(fine, _compute_step_noise(log.q)))
+    noise = _compute_motion_noise(
+        log, filtering.cutoff, np.maximum(fine, _compute_step_noise(log.q))
+    )
     smoothed = _compute_motion_noise(log, filtering.cutoff * filtering.smoothing, fine)
     parts = [np.diff(part.v, axis=0) / np.diff(part.t)[:, None] for part in join_blocks(blocks)]
     total = np.mean(np.concatenate(parts) ** 2, axis=0)
@@ -235,4 +259,6 @@ def _compute_motion_noise(log: Log, cutoff: float, angle: Array) -> tuple[Array,
     if log.v is None:
         return angle * gains[1], angle * gains[2]
     measured = signals.noise_std(log.v)
-    return np.minimum(angle * gains[1], measured * gains[0]), np.minimum(angle * gains[2], measured * gains[1])
+    return np.minimum(angle * gains[1], measured * gains[0]), np.minimum(
+        angle * gains[2], measured * gains[1]
+    )

@@ -50,7 +50,13 @@ class Figure:
         """Return what JSON holds, with the 95 % interval."""
         half = NORMAL_95 * self.std
         interval = [self.value - half, self.value + half]
-        return {"value": self.value, "std": self.std, "interval": interval, "unit": self.unit, "shown": self.shown}
+        return {
+            "value": self.value,
+            "std": self.std,
+            "interval": interval,
+            "unit": self.unit,
+            "shown": self.shown,
+        }
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,9 @@ def estimate_bodies(
     return tuple(found)
 
 
-def update_bodies(given: Array, mixing: Array, beta: Array, covariance: Array, trust: float) -> tuple[Array, Array]:
+def update_bodies(
+    given: Array, mixing: Array, beta: Array, covariance: Array, trust: float
+) -> tuple[Array, Array]:
     """The mean of bodies' parameters, (10 n,), and a root of their covariance, ``(G⁻¹ + Kᵀ P⁻¹ K)⁻¹``, (10 n, 10 n).
 
     G = B Bᵀ is the trust's, so that is ``B (1 + BᵀKᵀP⁻¹KB)⁻¹ Bᵀ``: orthogonal factors, as variances span ten orders of
@@ -121,7 +129,9 @@ def update_bodies(given: Array, mixing: Array, beta: Array, covariance: Array, t
     root = trust * compute_deformation_root(given)
     size = np.sqrt(np.diag(covariance))
     lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
-    shown, apart = (np.linalg.solve(lower, (x.T / size).T) for x in (mixing @ root, beta - mixing @ given))
+    shown, apart = (
+        np.linalg.solve(lower, (x.T / size).T) for x in (mixing @ root, beta - mixing @ given)
+    )
     Q, R = np.linalg.qr(np.vstack([shown, np.eye(len(given))]))
     moved = root @ np.linalg.solve(R, Q[: len(size)].T @ apart)
     return given + moved, np.asarray(np.linalg.solve(R.T, root.T).T)
@@ -140,7 +150,9 @@ def _compare_widths(phi: Array, apart: Array, slope: Array, draws: Array) -> Arr
         draws: Changes of the parameters as likely as their covariance says, (10, N).
     """
     each = [phi + apart + draw for draw in draws.T]
-    curved = np.array([compute_figures(one) - compute_figures(phi) for one in each if is_physical(one)])
+    curved = np.array(
+        [compute_figures(one) - compute_figures(phi) for one in each if is_physical(one)]
+    )
     if not len(curved):
         return np.ones(10)
     wide, narrow = (np.quantile(np.abs(x), INTERVAL, axis=0) for x in (curved, (slope @ draws).T))

@@ -71,7 +71,9 @@ class ShownChange(NamedTuple):
 
     def hide(self) -> ShownChange:
         """Return the same parameters with nothing of them shown."""
-        return ShownChange(self.basis[:, :0], self.value[:0], self.covariance[:0, :0], self.gain[:0])
+        return ShownChange(
+            self.basis[:, :0], self.value[:0], self.covariance[:0, :0], self.gain[:0]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,12 +133,16 @@ class BaseDifference:
             limit: Standard deviation, in the wanted parameters' unit, from which a direction is not shown.
         """
         W = self.whitener
-        left, size, right = np.linalg.svd(project_rows(W @ wanted, W @ unknown), full_matrices=False)
+        left, size, right = np.linalg.svd(
+            project_rows(W @ wanted, W @ unknown), full_matrices=False
+        )
         seen = size > LEAST_KEPT * max(float(np.linalg.norm(W @ wanted)), 1e-300)
         basis = right[seen].T
         gain = (left[:, seen] / size[seen]).T @ W
         spread = gain @ self.covariance @ gain.T
-        known = (np.sum(basis**2, axis=1) > 0.99) & (np.sum(basis @ spread * basis, axis=1) < limit**2)
+        known = (np.sum(basis**2, axis=1) > 0.99) & (
+            np.sum(basis @ spread * basis, axis=1) < limit**2
+        )
         count = int(known.sum())
         turned = np.linalg.qr(np.hstack([basis[known].T, np.eye(basis.shape[1])]))[0]
         axes = turned[:, :count]

@@ -5,7 +5,15 @@ from types import MappingProxyType
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.identification.output_error import fit_idim, fit_output_error
-from gimbal_pin.regression import Estimator, Method, fit_ordinary, fit_physical, fit_ridge, fit_robust, fit_weighted
+from gimbal_pin.regression import (
+    Estimator,
+    Method,
+    fit_ordinary,
+    fit_physical,
+    fit_ridge,
+    fit_robust,
+    fit_weighted,
+)
 
 ESTIMATORS: Mapping[Method, Estimator] = MappingProxyType(
     {

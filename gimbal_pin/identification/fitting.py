@@ -9,7 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks import check_assignment, check_log, check_time, collect_alterations, compare_scales
+from gimbal_pin.checks import (
+    check_assignment,
+    check_log,
+    check_time,
+    collect_alterations,
+    compare_scales,
+)
 from gimbal_pin.dynamics.model import (
     Doubt,
     Estimated,
@@ -76,7 +82,9 @@ def split_logs(
         return tuple(a for a, _ in halves), tuple(b for _, b in halves), "last third"
     match = re.fullmatch(r"log:(\d+)", how)
     if not match or not 1 <= int(match[1]) <= len(logs) or len(logs) < 2:
-        several = f", or log:1 to log:{len(logs)}" if len(logs) > 1 else "; log:N takes several logs"
+        several = (
+            f", or log:1 to log:{len(logs)}" if len(logs) > 1 else "; log:N takes several logs"
+        )
         raise UsageError("--holdout", f"cannot be '{how}'", f"use last-third or none{several}")
     k = int(match[1]) - 1
     return (*logs[:k], *logs[k + 1 :]), (logs[k],), f"log {k + 1} of {len(logs)}"
@@ -104,7 +112,11 @@ def compute_held_out_blocks(design: Design, logs: tuple[Log, ...]) -> DesignBloc
 
 
 def assemble_result(
-    blocks: DesignBlocks, estimate: Estimate, tested: Sequence[Block] | None, how: str, trust: float = TRUST
+    blocks: DesignBlocks,
+    estimate: Estimate,
+    tested: Sequence[Block] | None,
+    how: str,
+    trust: float = TRUST,
 ) -> Identified:
     """Return what is known once the parameters of some rows are estimated: model, accuracy, nearest physical bodies.
 
@@ -144,7 +156,9 @@ def assemble_result(
         given=rig.phi,
         trust=trust,
     )
-    return replace(found, simpler=_measure_simpler_models(found, blocks if tested is None else tested))
+    return replace(
+        found, simpler=_measure_simpler_models(found, blocks if tested is None else tested)
+    )
 
 
 def _measure_simpler_models(found: Identified, blocks: Sequence[Block]) -> tuple[Accuracy, ...]:
@@ -153,7 +167,10 @@ def _measure_simpler_models(found: Identified, blocks: Sequence[Block]) -> tuple
     width = len(found.reduction.independent)
     rubbing = np.concatenate([given[:width], found.estimate.theta[width:]])
     models = {"the URDF": given, "the URDF with the fitted friction": rubbing}
-    return tuple(measure_accuracy(found.model.rig.joints, blocks, theta, how) for how, theta in models.items())
+    return tuple(
+        measure_accuracy(found.model.rig.joints, blocks, theta, how)
+        for how, theta in models.items()
+    )
 
 
 def add_misfit_and_lags(found: Identified, missed: Sequence[Misfit], late: Array) -> Identified:
@@ -201,14 +218,23 @@ def to_model(design: Design, estimate: Estimate) -> Model:
     return Model(design.rig.with_phi(phi), design.to_terms(estimate.theta), known)
 
 
-def _find_nearest_physical(design: Design, estimate: Estimate, trust: float) -> tuple[Consistent, Array]:
+def _find_nearest_physical(
+    design: Design, estimate: Estimate, trust: float
+) -> tuple[Consistent, Array]:
     """Return the most likely bodies, how far off the nearest are, and the change in base parameters, (b,)."""
     width = len(design.reduction.independent)
     if estimate.phi is not None:
         return Consistent(estimate.phi, 0.0), np.zeros(width)
-    estimated = design.rig.phi, design.mixing, estimate.theta[:width], estimate.covariance[:width, :width]
+    estimated = (
+        design.rig.phi,
+        design.mixing,
+        estimate.theta[:width],
+        estimate.covariance[:width, :width],
+    )
     phi = find_likeliest_bodies(*estimated, trust)
-    return Consistent(phi, find_nearest_bodies(*estimated).distance), design.mixing @ phi - estimate.theta[:width]
+    return Consistent(
+        phi, find_nearest_bodies(*estimated).distance
+    ), design.mixing @ phi - estimate.theta[:width]
 
 
 def given_beta(rig: Rig, reduction: Reduction) -> Array:
@@ -219,7 +245,9 @@ def given_beta(rig: Rig, reduction: Reduction) -> Array:
 def _choose_filter(logs: Sequence[Log], base: BaseMotion) -> Filtering:
     """Return the filter for logs where none is given: wider where the base turns and joint rates were measured."""
     measured = all(log.v is not None for log in logs)
-    return limit_cutoff(Filtering(cutoff=SHAKEN) if base == "rotating" and measured else Filtering(), logs)
+    return limit_cutoff(
+        Filtering(cutoff=SHAKEN) if base == "rotating" and measured else Filtering(), logs
+    )
 
 
 def _bound_deviations(design: Design, base: BaseMotion) -> Array | None:
@@ -228,7 +256,9 @@ def _bound_deviations(design: Design, base: BaseMotion) -> Array | None:
     Under a wider filter; None where the rows then show other parameters.
     """
     wide = replace(design.filtering, cutoff=max(BOUND_CUTOFF, design.filtering.cutoff))
-    blocks, estimate, _ = _fit_shown(design.rig, design.effects, design.logs, wide, fit_weighted, base)
+    blocks, estimate, _ = _fit_shown(
+        design.rig, design.effects, design.logs, wide, fit_weighted, base
+    )
     return bound_deviations(blocks, estimate.theta) if blocks.design.names == design.names else None
 
 
@@ -273,14 +303,20 @@ def identify(
             `checks.check_assignment`; or one acts too early or late, see `checks.check_time`.
     """
     logs = [logs] if isinstance(logs, Log) else logs
-    further = tuple(parse_estimated_effect(one, rig) if isinstance(one, str) else one for one in effects)
+    further = tuple(
+        parse_estimated_effect(one, rig) if isinstance(one, str) else one for one in effects
+    )
     for effect in further:
         if effect.loaded:
             what = "reads the model's own torque, of which rows have only the measured one, whose noise biases the fit"
-            raise UsageError(f"effect '{effect.name}'", what, "leave it out: 'diagnose' estimates it")
+            raise UsageError(
+                f"effect '{effect.name}'", what, "leave it out: 'diagnose' estimates it"
+            )
     method = find_estimator(estimator) if isinstance(estimator, str) else estimator
     logs, repeated = drop_repeated_logs(logs)
-    checked = [check_log(rig, log, filtering=filtering, repairs_only=examined == "never") for log in logs]
+    checked = [
+        check_log(rig, log, filtering=filtering, repairs_only=examined == "never") for log in logs
+    ]
     logs = [one.log for one in checked]
     filters = filtering or _choose_filter(logs, greatest_base_motion(rig, logs))
     notes = (*repeated, *check_time(rig, logs, filters))
@@ -294,7 +330,10 @@ def identify(
     estimate, missed = add_misfit(blocks, estimate)
     estimate = add_lag_spread(blocks, estimate, late)
     unused = [log.name for log in test if any(log is one for one in logs)]
-    notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
+    notes += tuple(
+        f"{name} only judged the others and taught nothing; --refit learns from all"
+        for name in unused
+    )
     found = add_misfit_and_lags(assemble_result(blocks, estimate, tested, how, trust), missed, late)
     found = replace(
         found,
@@ -313,12 +352,16 @@ def identify(
         found,
         bias=check_bias(blocks, examined, estimate.method),
         parting=payload_change.compare_halves([*blocks, *(tested or ())], blocks.design),
-        agreement=assess_agreement(replace(blocks.design, logs=tuple(logs))) if len(logs) > 1 else None,
+        agreement=assess_agreement(replace(blocks.design, logs=tuple(logs)))
+        if len(logs) > 1
+        else None,
         faults=(*found.faults, *describe_faults(checked)),
         bound=_bound_deviations(blocks.design, base) if base == "rotating" else None,
     )
     return (
-        replace(found, notes=(*notes, payload_change.describe_two_rigs(len(logs)))) if found.is_of_two_rigs else found
+        replace(found, notes=(*notes, payload_change.describe_two_rigs(len(logs))))
+        if found.is_of_two_rigs
+        else found
     )
 
 
@@ -337,7 +380,10 @@ class _Trial(NamedTuple):
             return None
         each = ((self.blocks, "training part"), (self.tested, "held-out part"))
         return Validation(
-            *(measure_accuracy(self.blocks.design.rig.joints, x, self.estimate.theta, how) for x, how in each)
+            *(
+                measure_accuracy(self.blocks.design.rig.joints, x, self.estimate.theta, how)
+                for x, how in each
+            )
         )
 
 
@@ -354,16 +400,24 @@ class _LogSplit:
 
     def fit(self, effects: tuple[Effect, ...]) -> _Trial:
         """Fit with some effects."""
-        blocks, estimate, late = _fit_shown(self.rig, effects, self.train, self.filters, self.estimator, self.base)
+        blocks, estimate, late = _fit_shown(
+            self.rig, effects, self.train, self.filters, self.estimator, self.base
+        )
         return _Trial(blocks, estimate, late, compute_held_out_blocks(blocks.design, self.test))
 
-    def fit_without_overfitted(self, effects: tuple[Effect, ...]) -> tuple[_Trial, tuple[Doubt, ...]]:
+    def fit_without_overfitted(
+        self, effects: tuple[Effect, ...]
+    ) -> tuple[_Trial, tuple[Doubt, ...]]:
         """Fit without the effects of joints where they do not hold for what was held out; say which these are."""
         trial = self.fit(effects)
         left_out = list[Doubt]()
         always = build_friction_effects(self.rig.joints)
         for joint in dict.fromkeys(effect.joint for effect in effects if effect not in always):
-            mine = [one for one in trial.blocks.design.effects if one.joint == joint and one not in always]
+            mine = [
+                one
+                for one in trial.blocks.design.effects
+                if one.joint == joint and one not in always
+            ]
             full = trial.validation
             if full is None:
                 break
@@ -384,14 +438,24 @@ def refittable_effects(model: Model) -> tuple[Effect, ...]:
     Not those that read the model's own torque: the rows have but the measured one, whose noise would leak. Nor tables,
     whose values nothing but their prior holds where the logs did not go.
     """
-    return tuple(effect for effect in _list_further_effects(model) if not _reads_torque_or_table(effect))
+    return tuple(
+        effect for effect in _list_further_effects(model) if not _reads_torque_or_table(effect)
+    )
 
 
 def describe_omitted_effects(model: Model) -> tuple[str, ...]:
     """Say in one sentence which of a model's effects `refittable_effects` leaves out; nothing where it has them all."""
-    omitted = [f"{one.name} of {one.place}" for one in _list_further_effects(model) if _reads_torque_or_table(one)]
+    omitted = [
+        f"{one.name} of {one.place}"
+        for one in _list_further_effects(model)
+        if _reads_torque_or_table(one)
+    ]
     why = "they read the torque itself, or are tables that only their prior holds: diagnose's own model keeps them"
-    return (f"of the extended model, not estimated here: {', '.join(omitted)}; {why}",) if omitted else ()
+    return (
+        (f"of the extended model, not estimated here: {', '.join(omitted)}; {why}",)
+        if omitted
+        else ()
+    )
 
 
 def _list_further_effects(model: Model) -> list[Effect]:
@@ -444,11 +508,15 @@ def _fit_shown(
     (blocks,), late = align_rows([rows])
     estimate = estimator(blocks)
     if base != "fixed" and find_unseen(blocks.design.names, blocks, estimate):
-        return _fit_shown(rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1])
+        return _fit_shown(
+            rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1]
+        )
     check_seen(logs[0].name, blocks.design.names, blocks, estimate)
     return blocks, estimate, late
 
 
 def greatest_base_motion(rig: Rig, logs: Sequence[Log]) -> BaseMotion:
     """Return the greatest motion of the base in some logs."""
-    return max((classify_base_motion(rig, log) for log in logs), key=BASE_MOTIONS.index, default="fixed")
+    return max(
+        (classify_base_motion(rig, log) for log in logs), key=BASE_MOTIONS.index, default="fixed"
+    )

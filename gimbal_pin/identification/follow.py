@@ -176,7 +176,9 @@ class Online:
         """
         for effect in effects:
             if effect.start() is not None:
-                raise UsageError(effect.name, "has a memory of its own", "identify it from a whole log")
+                raise UsageError(
+                    effect.name, "has a memory of its own", "identify it from a whole log"
+                )
         if not fading > 0:
             raise UsageError("fading", f"is {fading:g} s", "give a positive time, or infinity")
         everywhere = build_friction_effects(rig.joints) + tuple(effects)
@@ -235,7 +237,9 @@ class Online:
             blocks, recording = window
             for block in blocks:
                 learned = self._learn(learned, block, now)
-        return memory._replace(recording=recording, pending=(), learned=learned, due=recording.compute_due(filtering))
+        return memory._replace(
+            recording=recording, pending=(), learned=learned, due=recording.compute_due(filtering)
+        )
 
     def estimate(self, memory: LogMemory) -> Estimate:
         """Return the parameters from all samples so far.
@@ -343,12 +347,19 @@ class Online:
         is_moving = np.mean(block.share**2, axis=0) > LEAST_MOVING
         check_driven(memory.name, self.joints, np.abs(block.b).max(axis=0), is_moving)
         if hidden:
-            raise DataError(memory.name, "so far leaves no trace of", "move every joint, several at a time", hidden)
+            raise DataError(
+                memory.name,
+                "so far leaves no trace of",
+                "move every joint, several at a time",
+                hidden,
+            )
         return estimate, block
 
     def _append(self, learned: Learned, block: Block) -> Learned:
         """Add rows; of too many the older half becomes the past."""
-        learned = replace(learned, rows=Block(*(np.concatenate(x) for x in zip(learned.rows, block))))
+        learned = replace(
+            learned, rows=Block(*(np.concatenate(x) for x in zip(learned.rows, block)))
+        )
         if len(learned.rows.t) <= self.most_rows or learned.reference is None:
             return learned
         half = self.most_rows // 2
@@ -356,7 +367,11 @@ class Online:
         theta = learned.reference.theta
         # The noise of the residual as it is, without leverage: of so many rows it does not matter.
         noise = fit_residual_noise(
-            blocks, [block.A for block in blocks], theta, np.zeros((len(theta),) * 2), np.ones(len(self.joints))
+            blocks,
+            [block.A for block in blocks],
+            theta,
+            np.zeros((len(theta),) * 2),
+            np.ones(len(self.joints)),
         )
         past = past.add(blocks, noise.processes)
         return replace(learned, rows=_select(learned.rows, slice(half, None)), past=past)
@@ -369,12 +384,18 @@ class Online:
         if self.fading < inf and len(rows.t):
             moved = np.cumsum(rows.share, axis=0) * step
             root = np.exp((moved - moved[-1]) / (2 * self.fading))
-            rows = rows._replace(A=rows.A * root[:, :, None], b=rows.b * root, share=rows.share * root)
+            rows = rows._replace(
+                A=rows.A * root[:, :, None], b=rows.b * root, share=rows.share * root
+            )
             past = past.fade(np.exp(-moved[-1] / self.fading))
         cuts = np.flatnonzero(np.diff(rows.t) > 1.5 * step) + 1
-        return [_select(rows, part) for part in np.split(np.arange(len(rows.t)), cuts) if len(part)], past
+        return [
+            _select(rows, part) for part in np.split(np.arange(len(rows.t)), cuts) if len(part)
+        ], past
 
-    def _solve(self, learned: Learned, left_out: int = 0) -> tuple[Estimate | None, Block, tuple[str, ...]]:
+    def _solve(
+        self, learned: Learned, left_out: int = 0
+    ) -> tuple[Estimate | None, Block, tuple[str, ...]]:
         """Return the estimate but for some newest rows, all its rows as few, and what does not show in them.
 
         There is none from fewer rows than three per parameter that is not known beforehand.
@@ -409,7 +430,9 @@ class Online:
             estimate, _, hidden = self._solve(learned)
             if estimate is not None and not hidden:
                 said = f"every parameter shows since {now:.1f} s"
-                learned = replace(learned, events=(Event(now, "known", float(learned.rows.t[0]), said),))
+                learned = replace(
+                    learned, events=(Event(now, "known", float(learned.rows.t[0]), said),)
+                )
         if learned.count // ROWS_PER_REFERENCE == before:
             return learned
         estimate, _, hidden = self._solve(learned, NEWEST_ROWS)
@@ -424,20 +447,28 @@ def _take_lags(known: Model | None) -> Filtering:
 def _append_samples(memory: LogMemory, log: Log, slides: Sequence[bool]) -> LogMemory:
     """Append samples; this is all that is done for most of them, so it is done with little."""
     if log.tau is None:
-        raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
+        raise UsageError(
+            log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory"
+        )
     before = memory.pending[-1] if memory.pending else memory.recording and memory.recording.log
     if before is not None and (before.v is None) is not (log.v is None):
-        raise UsageError(memory.name, "has rates in some samples only", "give them in all or in none")
+        raise UsageError(
+            memory.name, "has rates in some samples only", "give them in all or in none"
+        )
     if not log.t.item(0) > memory.t:
         what = f"time goes from {memory.t!r} back to {log.t.item(0)!r} s"
         raise LogError(memory.name, what, "give the samples in the order of time")
     steps = np.diff(log.q, axis=0, prepend=log.q[:1] if before is None else before.q[-1:])
     turns = np.round(steps / (2 * pi))
     turns[:, np.asarray(slides)] = 0.0
-    turns[np.abs(turns) > 1] = 0.0  # larger steps are counts or degrees that start over, or glitches
+    turns[np.abs(turns) > 1] = (
+        0.0  # larger steps are counts or degrees that start over, or glitches
+    )
     if turns.any():
         log = replace(log, q=log.q - 2 * pi * np.cumsum(turns, axis=0))
-    return memory._replace(pending=(*memory.pending, log), t=log.t.item(-1), samples=memory.samples + len(log))
+    return memory._replace(
+        pending=(*memory.pending, log), t=log.t.item(-1), samples=memory.samples + len(log)
+    )
 
 
 def _select(block: Block, rows: Any) -> Block:
@@ -514,7 +545,9 @@ def report_progress(online: Online, memory: LogMemory) -> Progress:
         hidden = error.unseen or names
     error_now = online.torque_error(memory)
     units = online.design.units
-    return Progress(memory.t, memory.samples, names, units, value, std, torque, hidden, error_now, memory.events)
+    return Progress(
+        memory.t, memory.samples, names, units, value, std, torque, hidden, error_now, memory.events
+    )
 
 
 def iterate_progress(

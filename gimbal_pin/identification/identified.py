@@ -49,7 +49,8 @@ def describe_faults(checked: Sequence[CheckedLog]) -> tuple[str, ...]:
     worst_first = sorted(found, key=lambda each: not each[1].makes_physics_unreliable)
     serious = [(name, fault) for name, fault in worst_first if not fault.slight]
     return tuple(
-        f"{name + ': ' if len(checked) > 1 else ''}{fault.sentence}; {fault.next_experiment}" for name, fault in serious
+        f"{name + ': ' if len(checked) > 1 else ''}{fault.sentence}; {fault.next_experiment}"
+        for name, fault in serious
     )
 
 
@@ -79,12 +80,20 @@ def _iterate_unexplained(found: Identified) -> Iterator[str]:
             continue
         judged = found.held_out or found.train
         fit = judged.fit_percent[joint]
-        parts = [f"the model fits the {judged.how} up to {found.filtering.cutoff:g} Hz to {digits(fit, 2)} %"]
+        parts = [
+            f"the model fits the {judged.how} up to {found.filtering.cutoff:g} Hz to {digits(fit, 2)} %"
+        ]
         others = [(one.how, one.fit_percent[joint]) for one in found.simpler]
-        parts += [f"{how} fits it to {digits(other, 2)} %" for how, other in others if is_degraded(fit, other)]
+        parts += [
+            f"{how} fits it to {digits(other, 2)} %"
+            for how, other in others
+            if is_degraded(fit, other)
+        ]
         unit = found.model.rig.in_units(joint, "N m")
         if (size := found.missed[joint].size) > 0:
-            parts.append(f"{digits(size, 2)} {unit} rms are a function of its motion that the model lacks")
+            parts.append(
+                f"{digits(size, 2)} {unit} rms are a function of its motion that the model lacks"
+            )
         yield f"{joint} is {opinion.value}: {', '.join(parts)}; run 'gimbal-pin diagnose'"
 
 
@@ -96,10 +105,14 @@ def _iterate_common_residual(found: Identified) -> Iterator[str]:
         return
     noise = np.zeros(rig.n)
     for log in found.data:
-        gain = signals.compute_noise_gain(signals.lowpass(found.filtering.cutoff, 1 / log.dt), 1 / log.dt, 0)
+        gain = signals.compute_noise_gain(
+            signals.lowpass(found.filtering.cutoff, 1 / log.dt), 1 / log.dt, 0
+        )
         noise = np.maximum(noise, gain * signals.jumping_noise_std(np.asarray(log.tau)))
     rest = np.array([train.torque_rmse[joint] for joint in rig.joints])
-    size = np.array([found.missed[joint].size if joint in found.missed else np.inf for joint in rig.joints])
+    size = np.array(
+        [found.missed[joint].size if joint in found.missed else np.inf for joint in rig.joints]
+    )
     share = 1.0 - max(train.fit_percent.values()) / 100.0
     if share > OVER_NOISE * found.bias.noise:
         yield from describe_common_residual(rig, found.data, share, rest, noise, size)
@@ -141,7 +154,13 @@ def _iterate_negative(found: Identified) -> Iterator[str]:
     positive = ["no body has such an inertia" if only else "" for only in sums]
     coefficients = (c for term in found.model.terms for c in term.effect.coefficients)
     positive += ["friction takes power" if c.lower >= 0 else "" for c in coefficients]
-    rows = zip(found.names, positive, found.estimate.theta.tolist(), found.estimate.std.tolist(), found.units)
+    rows = zip(
+        found.names,
+        positive,
+        found.estimate.theta.tolist(),
+        found.estimate.std.tolist(),
+        found.units,
+    )
     vague = []
     for name, why, value, std, unit in rows:
         figure = f"{format_estimate(value, std, 2)} {unit}"
@@ -228,10 +247,18 @@ class Identified(Record):
             f"torque up to {self.filtering.cutoff:g} Hz"
         )
         parts = [str(part) for part in (self.train, self.held_out) if part is not None]
-        notes = [*(f"warning: {said}" for said in self.warnings), *(f"note: {said}" for said in self.notes)]
+        notes = [
+            *(f"warning: {said}" for said in self.warnings),
+            *(f"note: {said}" for said in self.notes),
+        ]
         notes += [f"altered: {log}: {one}" for log, each in self.altered.items() for one in each]
         return "\n".join(
-            [head, *parts, *notes, "names, estimate, bodies, model, to_dict() and to_urdf() hold the rest"]
+            [
+                head,
+                *parts,
+                *notes,
+                "names, estimate, bodies, model, to_dict() and to_urdf() hold the rest",
+            ]
         )
 
     @property
@@ -243,7 +270,10 @@ class Identified(Record):
     def opinions(self) -> dict[str, Opinion]:
         """Joint → state of its torque, by the rows that were not fitted, where there are any."""
         judged = self.held_out or self.train
-        return {joint: judged.judge(joint, missed, self.simpler) for joint, missed in self.missed.items()}
+        return {
+            joint: judged.judge(joint, missed, self.simpler)
+            for joint, missed in self.missed.items()
+        }
 
     @property
     def physical(self) -> bool:
@@ -258,7 +288,9 @@ class Identified(Record):
         covariance = self.estimate.covariance[:width, :width]
         mixing = map_phi_to_base(rig, self.reduction)
         known = self.estimate.theta[:width], covariance
-        return estimate_bodies(rig.links, self.given, self.consistent.phi, mixing, *known, self.trust)
+        return estimate_bodies(
+            rig.links, self.given, self.consistent.phi, mixing, *known, self.trust
+        )
 
     @property
     def stated(self) -> Array:
@@ -270,7 +302,9 @@ class Identified(Record):
         at = 0
         for term in self.model.terms:
             if term.effect.name in names:
-                others[at] = rig.friction[rig.joint_index(term.effect.joint), names.index(term.effect.name)]
+                others[at] = rig.friction[
+                    rig.joint_index(term.effect.joint), names.index(term.effect.name)
+                ]
             at += len(term.values)
         return np.concatenate([base, others])
 
@@ -280,7 +314,11 @@ class Identified(Record):
 
         Noise in the angles biases either half in its own way: that is said already, and is no second rig.
         """
-        return self.parting is not None and self.parting > 1 and not (self.bias is not None and self.bias.is_of_noise)
+        return (
+            self.parting is not None
+            and self.parting > 1
+            and not (self.bias is not None and self.bias.is_of_noise)
+        )
 
     @property
     def moved(self) -> Array:
@@ -302,7 +340,9 @@ class Identified(Record):
         try:
             import arviz
         except ImportError as error:
-            raise UsageError("arviz", "is not installed", "pip install 'gimbal-pin[arviz]'") from error
+            raise UsageError(
+                "arviz", "is not installed", "pip install 'gimbal-pin[arviz]'"
+            ) from error
         generator, _ = make_generator(rng)
         theta = self.estimate.theta
         covariance = self.estimate.covariance
@@ -314,7 +354,9 @@ class Identified(Record):
         model = self.model
         values = {(term.effect.joint, term.effect.name): term.values[0] for term in model.terms}
         names = [kind.name for kind in ALWAYS]
-        friction = {joint: (values[joint, names[0]], values[joint, names[1]]) for joint in model.rig.joints}
+        friction = {
+            joint: (values[joint, names[0]], values[joint, names[1]]) for joint in model.rig.joints
+        }
         return replace_friction(to_urdf(model.rig, self.consistent.phi), friction)
 
     def to_dict(self) -> dict[str, Any]:
@@ -332,7 +374,9 @@ class Identified(Record):
             "condition_number": self.estimate.condition_number,
             "base_motion": self.reduction.base,
             "cutoff_hz": self.filtering.cutoff,
-            "lag_s": {joint: {"value": lag, "std": std} for joint, (lag, std) in self.model.lags.items()},
+            "lag_s": {
+                joint: {"value": lag, "std": std} for joint, (lag, std) in self.model.lags.items()
+            },
             "imus": {
                 log: {link: mounting.to_dict() for link, mounting in links.items()}
                 for log, links in self.mountings.items()
@@ -341,7 +385,10 @@ class Identified(Record):
             "notes": list(self.notes),
             "altered": list_alterations(self.altered),
             "physical": self.physical,
-            "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
+            "consistent": {
+                "distance": self.consistent.distance,
+                "torque_change_rms": dict(self.torque_change),
+            },
             "base_parameters": [
                 {
                     "name": name,
@@ -359,7 +406,11 @@ class Identified(Record):
             "train": asdict(self.train),
             "held_out": None if self.held_out is None else asdict(self.held_out),
             "misfit": {
-                joint: {"torque_rms": one.size, "noise_rms": one.noise, "opinion": self.opinions[joint].value}
+                joint: {
+                    "torque_rms": one.size,
+                    "noise_rms": one.noise,
+                    "opinion": self.opinions[joint].value,
+                }
                 for joint, one in self.missed.items()
             },
             "halves_apart": self.parting,

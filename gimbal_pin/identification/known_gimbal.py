@@ -70,7 +70,10 @@ def update_gimbal(before: Estimated, alone: Estimate, reach: Array, place: str) 
         """Return ``V^-½``, the map from d to gamma, and that from d to r."""
         V = widening * known + P
         size = np.sqrt(np.diag(V))
-        white = np.linalg.inv(np.linalg.cholesky(V / np.outer(size, size) + 1e-12 * np.eye(len(V)))) / size
+        white = (
+            np.linalg.inv(np.linalg.cholesky(V / np.outer(size, size) + 1e-12 * np.eye(len(V))))
+            / size
+        )
         camera = np.linalg.lstsq(white @ K, white, rcond=1e-12)[0]
         return white, camera, np.eye(len(d)) - K @ camera
 
@@ -87,7 +90,9 @@ def update_gimbal(before: Estimated, alone: Estimate, reach: Array, place: str) 
     if squares > 0 and excess(0.0) + 1.0 > compute_limit(squares):
         if excess(np.log(LARGEST_WIDENING)) > 0:
             mend = "identify the gimbal anew: logs of all cameras together, LOG@PAYLOAD …"
-            raise DataError(place, "is of another gimbal than --known, whatever camera is mounted", mend)
+            raise DataError(
+                place, "is of another gimbal than --known, whatever camera is mounted", mend
+            )
         widening = float(np.exp(brentq(excess, 0.0, np.log(LARGEST_WIDENING))))
     white, camera, rest = unexplained(widening)
     wide = widening * before.covariance

@@ -23,7 +23,9 @@ from gimbal_pin.rig.structure import SCHEMA, check_origin, describe_structure
 KIND = "gimbal_pin model"
 
 
-def write_model(identified: Identified, path: str | Path, payloads: Mapping[str, Identified] | None = None) -> None:
+def write_model(
+    identified: Identified, path: str | Path, payloads: Mapping[str, Identified] | None = None
+) -> None:
     """Write a model with its parameters' covariance, whole or not at all.
 
     `payloads`: the same gimbal with other payloads, by their names; `read_model` takes the one that is mounted.
@@ -36,7 +38,9 @@ def write_model(identified: Identified, path: str | Path, payloads: Mapping[str,
         **_describe_payload_model(identified, path),
     }
     if payloads is not None:
-        content["payloads"] = {name: _describe_payload_model(one, path) for name, one in payloads.items()}
+        content["payloads"] = {
+            name: _describe_payload_model(one, path) for name, one in payloads.items()
+        }
     write_yaml(content, path)
 
 
@@ -45,7 +49,9 @@ def _describe_payload_model(identified: Identified, path: str | Path) -> dict[st
     model = identified.model
     known = identified.model.estimated
     if known is None:
-        raise ModelError(str(path), "would hold a model that was not identified", "identify one first")
+        raise ModelError(
+            str(path), "would hold a model that was not identified", "identify one first"
+        )
     report = identified.to_dict()
     report.pop("schema")
     return {
@@ -61,7 +67,12 @@ def _describe_payload_model(identified: Identified, path: str | Path) -> dict[st
 def write_extended(model: Model, path: str | Path) -> None:
     """Write a model with all that `diagnose` found, and its uncertainty where it is known."""
     rig = model.rig
-    rows = {"joints": list(rig.joints), "rig": rig.name, "payload": rig.payload, "structure": describe_structure(rig)}
+    rows = {
+        "joints": list(rig.joints),
+        "rig": rig.name,
+        "payload": rig.payload,
+        "structure": describe_structure(rig),
+    }
     write_yaml(
         {
             "kind": KIND,
@@ -87,9 +98,17 @@ def describe_uncertainty(estimated: Estimated | None) -> dict[str, Any]:
     columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
     rows = [dict(zip(("name", "value", "std", "unit"), row)) for row in zip(*columns)]
     rest = {name: list(getattr(estimated, name)) for name in ("missed", "noise", "pure_error")}
-    rest |= {name: list(getattr(estimated, name)) for name in ("lags", "lag_std", "angle_noise", "digests")}
+    rest |= {
+        name: list(getattr(estimated, name))
+        for name in ("lags", "lag_std", "angle_noise", "digests")
+    }
     rest["misfit"] = [list(row) for row in estimated.misfit]
-    return {"base_parameters": rows, "covariance": estimated.covariance.tolist(), "dt": estimated.dt, **rest}
+    return {
+        "base_parameters": rows,
+        "covariance": estimated.covariance.tolist(),
+        "dt": estimated.dt,
+        **rest,
+    }
 
 
 def read_model(path: str | Path, rig: Rig) -> Model:
@@ -109,7 +128,9 @@ def read_model(path: str | Path, rig: Rig) -> Model:
     sums = dict(zip(reduction.base_names, map_phi_to_base(rig, reduction) @ model.rig.phi))
     for name, value, std in zip(known.names, known.theta.tolist(), known.std.tolist()):
         # Both are written from one estimate: only rounding separates them. Changes of the rig alter the sums.
-        if not (model.changes or np.isclose(sums.get(name, value), value, rtol=1e-6, atol=1e-3 * std)):
+        if not (
+            model.changes or np.isclose(sums.get(name, value), value, rtol=1e-6, atol=1e-3 * std)
+        ):
             what = f"is {value:.6g}, and phi gives {sums[name]:.6g}"
             raise ModelError(f"{path}: base parameter {name}", what, "identify the model again")
     return replace(model, estimated=known)
@@ -118,7 +139,9 @@ def read_model(path: str | Path, rig: Rig) -> Model:
 def _read_doubts(data: Mapping[str, Any], path: str) -> tuple[Doubt, ...]:
     """Return what a file says that does not hold; nothing where it is older than that."""
     rows = convert_value(tuple[Any, ...], data.get("doubts", []), f"{path}: doubts", ModelError)
-    return tuple(read_record(Doubt, row, f"{path}: doubts[{k}]", ModelError) for k, row in enumerate(rows))
+    return tuple(
+        read_record(Doubt, row, f"{path}: doubts[{k}]", ModelError) for k, row in enumerate(rows)
+    )
 
 
 def read_known(path: str | Path, rig: Rig) -> Model:
@@ -140,18 +163,24 @@ def _read_own_part(path: str | Path, rig: Rig) -> Mapping[str, Any]:
     """Return what a model's file says of a rig with its payload."""
     data = read_yaml(path, ModelError)
     if not isinstance(data, dict) or data.get("kind") != KIND:
-        mend = "give a file that 'gimbal-pin identify -o' wrote, or the extended.yaml of 'diagnose -o'"
+        mend = (
+            "give a file that 'gimbal-pin identify -o' wrote, or the extended.yaml of 'diagnose -o'"
+        )
         raise ModelError(str(path), "is not a model", mend)
     if data.get("joints") != list(rig.joints):
         mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
     check_origin(data, rig, str(path))
-    payloads = convert_value(Mapping[str, Any], data.get("payloads", {}), f"{path}: payloads", ModelError)
+    payloads = convert_value(
+        Mapping[str, Any], data.get("payloads", {}), f"{path}: payloads", ModelError
+    )
     own: Mapping[str, Any] = payloads.get(rig.payload, data)
     if (carried := own.get("payload", rig.payload)) != rig.payload:
         what = f"is of the payload {carried}" if carried else "is of the rig without a payload"
         here = f"the rig {rig.name} carries {rig.payload or 'none'} here"
-        raise ModelError(str(path), what, f"{here}: name the URDF of the model's as 'payload:' in the rig's YAML")
+        raise ModelError(
+            str(path), what, f"{here}: name the URDF of the model's as 'payload:' in the rig's YAML"
+        )
     return own
 
 
@@ -212,15 +241,30 @@ def read_known_parameters(data: Any, place: str, joint_count: int) -> Estimated:
     if not std.all():
         what = f"has no variance of {rows[int(np.argmin(std))].name}, and no estimate is exact"
         raise ModelError(f"{place}: covariance", what, "identify the model again")
-    correlation = covariance / np.outer(*[np.maximum(std, 1e-150)] * 2)  # what has no variance has no covariance
-    if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6 or (np.linalg.eigvalsh(correlation) < -1e-6).any():
-        raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
+    correlation = covariance / np.outer(
+        *[np.maximum(std, 1e-150)] * 2
+    )  # what has no variance has no covariance
+    if (
+        np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6
+        or (np.linalg.eigvalsh(correlation) < -1e-6).any()
+    ):
+        raise ModelError(
+            f"{place}: covariance", "is not that of any estimate", "identify the model again"
+        )
     names = tuple(row.name for row in rows)
     units = tuple(row.unit for row in rows)
     values = np.array([row.value for row in rows])
     rest = (filed.dt, filed.missed, filed.misfit, filed.noise, filed.pure_error)
     return Estimated(
-        names, units, values, covariance, *rest, filed.lags, filed.lag_std, filed.angle_noise, filed.digests
+        names,
+        units,
+        values,
+        covariance,
+        *rest,
+        filed.lags,
+        filed.lag_std,
+        filed.angle_noise,
+        filed.digests,
     )
 
 

@@ -82,13 +82,17 @@ class SimulatedStretch(NamedTuple):
     def part(self, rows: slice) -> SimulatedStretch:
         """Return the samples in `rows`."""
         platform = None if self.platform is None else self.platform.part(rows)
-        return SimulatedStretch(self.t[rows], self.q[rows], self.v[rows], self.error[rows], platform)
+        return SimulatedStretch(
+            self.t[rows], self.q[rows], self.v[rows], self.error[rows], platform
+        )
 
 
 def _find_nearest_model(rows: Design, theta: Array, covariance: Array) -> Model:
     """Return the model that can exist nearest to parameters: its plant can be simulated, whatever these are."""
     width = len(rows.reduction.independent)
-    phi = find_nearest_bodies(rows.rig.phi, rows.mixing, theta[:width], covariance[:width, :width]).phi
+    phi = find_nearest_bodies(
+        rows.rig.phi, rows.mixing, theta[:width], covariance[:width, :width]
+    ).phi
     terms = []
     for term in rows.to_terms(theta):
         limits = zip(term.values, term.effect.coefficients)
@@ -105,10 +109,15 @@ def _gather_theta(rows: Design, model: Model) -> Array:
 def run_log(rows: Design, model: Model, log: Log, calm: bool) -> list[SimulatedStretch]:
     """Run a model along every stretch of a log, on a base that moves as the log says; `calm` as for `_run_segment`."""
     carrier = find_moving_base(rows.rig, log)
-    return [_run_segment(rows, model, stretch, carrier, calm) for stretch in split_segments(log, rows.filtering.cutoff)]
+    return [
+        _run_segment(rows, model, stretch, carrier, calm)
+        for stretch in split_segments(log, rows.filtering.cutoff)
+    ]
 
 
-def _run_segment(rows: Design, model: Model, stretch: Segment, carrier: str | None, calm: bool) -> SimulatedStretch:
+def _run_segment(
+    rows: Design, model: Model, stretch: Segment, carrier: str | None, calm: bool
+) -> SimulatedStretch:
     """Run a model along one stretch.
 
     Args:
@@ -132,12 +141,16 @@ def _run_segment(rows: Design, model: Model, stretch: Segment, carrier: str | No
     mean = np.diff(impulse[knots], axis=0) / step
     plant = Plant(model, model.carried(whole.t, whole.platform))
     states = _follow(plant, whole.t[knots], q[knots], v[knots], mean, step * stretch.dt)
-    measured = signals.resample(stretch.log.t[stretch.rows], stretch.log.q[stretch.rows], whole.t[knots])
+    measured = signals.resample(
+        stretch.log.t[stretch.rows], stretch.log.q[stretch.rows], whole.t[knots]
+    )
     platform = None if whole.platform is None else whole.platform.part(slice(None, None, step))
     return SimulatedStretch(whole.t[knots], states[0], states[1], measured - states[0], platform)
 
 
-def _follow(plant: Plant, t: Array, q: Array, v: Array, tau: Array, dt: float) -> tuple[Array, Array]:
+def _follow(
+    plant: Plant, t: Array, q: Array, v: Array, tau: Array, dt: float
+) -> tuple[Array, Array]:
     """Return angles and rates, (m, n), of a plant under torques tau, (m - 1, n), held to (q, v) by the loop."""
     model = plant.model
     data = plant.model.rig.model.createData()
@@ -147,11 +160,17 @@ def _follow(plant: Plant, t: Array, q: Array, v: Array, tau: Array, dt: float) -
     out_v = np.array(v)
     for k in range(len(tau)):
         wish = kp * (q[k] - state.q) + kd * (v[k] - state.v)
-        state = plant.step(float(t[k]), state, tau[k] + _compute_mass_matrix(model, data, state.q) @ wish, dt)
+        state = plant.step(
+            float(t[k]), state, tau[k] + _compute_mass_matrix(model, data, state.q) @ wish, dt
+        )
         out_q[k + 1], out_v[k + 1] = state.q, state.v
         if not abs(state.v).max() < RUNAWAY_RATE:
             what = "cannot be followed by the model that was estimated from it"
-            raise DataError("the log", what, "use another estimator, such as weighted, and see 'gimbal-pin diagnose'")
+            raise DataError(
+                "the log",
+                what,
+                "use another estimator, such as weighted, and see 'gimbal-pin diagnose'",
+            )
     return out_q, out_v
 
 
@@ -185,13 +204,21 @@ def fit_output_error(blocks: Sequence[Block]) -> Estimate:
     first = fit_physical(blocks)
     now = _follow_logs(rows, first.theta, first.covariance)
     if now is None:
-        what, mend = "cannot be followed by the model that was estimated from it", "use another estimator"
-        raise DataError(rows.logs[0].name, what, f"{mend}, such as weighted, and see 'gimbal-pin diagnose'")
+        what, mend = (
+            "cannot be followed by the model that was estimated from it",
+            "use another estimator",
+        )
+        raise DataError(
+            rows.logs[0].name, what, f"{mend}, such as weighted, and see 'gimbal-pin diagnose'"
+        )
     before = now.theta
     found = fit_weighted(now.blocks)
     for _ in range(NEWTON_STEPS):
         # What least squares says may lie beyond the bodies that can exist: it then says the same once more.
-        if any(np.all(np.abs(found.theta - each) <= CONVERGED_CHANGE * found.std) for each in (before, now.theta)):
+        if any(
+            np.all(np.abs(found.theta - each) <= CONVERGED_CHANGE * found.std)
+            for each in (before, now.theta)
+        ):
             break
         after = _shorten_step(rows, now, found)
         if after is None:
@@ -200,7 +227,9 @@ def fit_output_error(blocks: Sequence[Block]) -> Estimate:
         now = after
         found = fit_weighted(after.blocks)
     left = np.concatenate([compute_residuals(block, found.theta) for block in now.blocks])
-    return replace(found, residual_std=np.sqrt(np.mean(left**2, axis=0)), method=Method.OUTPUT_ERROR)
+    return replace(
+        found, residual_std=np.sqrt(np.mean(left**2, axis=0)), method=Method.OUTPUT_ERROR
+    )
 
 
 class Followed(NamedTuple):
@@ -211,7 +240,11 @@ class Followed(NamedTuple):
 
     def cost(self, scale: Array) -> float:
         """``Σ ‖(q - q_s) / σ‖²`` with σ per joint, rad."""
-        return float(sum(np.sum((compute_residuals(block, self.theta) / scale) ** 2) for block in self.blocks))
+        return float(
+            sum(
+                np.sum((compute_residuals(block, self.theta) / scale) ** 2) for block in self.blocks
+            )
+        )
 
 
 def _follow_logs(rows: Design, theta: Array, covariance: Array) -> Followed | None:
@@ -249,13 +282,17 @@ def _iterate_error_blocks(rows: Design, model: Model) -> Iterator[Block]:
             yield _build_error_block(rows, model, theta, part, slice(pad, pad + end - begin, step))
 
 
-def _build_error_block(rows: Design, model: Model, theta: Array, run: SimulatedStretch, keep: slice) -> Block:
+def _build_error_block(
+    rows: Design, model: Model, theta: Array, run: SimulatedStretch, keep: slice
+) -> Block:
     """Return the rows of one part of a run, low-passed and thinned."""
     dt = float(run.t[1] - run.t[0])
     a = signals.differentiate(run.v, dt)
     still = np.zeros_like(run.q)
     channels = Samples(run.t, run.q, run.v, a, still, run.v, still[0], run.platform)
-    columns = np.concatenate([rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)], axis=2)
+    columns = np.concatenate(
+        [rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)], axis=2
+    )
     data = model.rig.model.createData()
     D = np.array([_compute_mass_matrix(model, data, q) for q in run.q])
     top, bottom = bilinear([1.0], [1.0, LOOP_GAINS[1], LOOP_GAINS[0]], 1.0 / dt)

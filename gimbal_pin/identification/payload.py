@@ -105,7 +105,11 @@ class PayloadDiscrepancy:
     @property
     def found_mass(self) -> tuple[float, float] | tuple[()]:
         """What the payload weighs, and the deviation of that, kg; nothing where it does not show."""
-        return (self.stated + float(self.mass.change[0]), float(self.mass.std[0])) if len(self.mass.value) else ()
+        return (
+            (self.stated + float(self.mass.change[0]), float(self.mass.std[0]))
+            if len(self.mass.value)
+            else ()
+        )
 
     @property
     def known_mass(self) -> KnownMass | None:
@@ -120,13 +124,17 @@ class PayloadDiscrepancy:
         least = FORM_ERROR * self.gyration
         hidden = [f"{a}/{b}" for (a, b), shown in zip(DIRECTIONS, shift.axes) if not shown]
         closer = ""
-        if np.isfinite(self.std_if_known) and (len(hidden) == 3 or shift.std.max() > DEVIATIONS * self.std_if_known):
+        if np.isfinite(self.std_if_known) and (
+            len(hidden) == 3 or shift.std.max() > DEVIATIONS * self.std_if_known
+        ):
             sharp = digits(NORMAL_95 * max(1e3 * self.std_if_known, 0.01), 1)
             closer = f"; to ± {sharp} mm if the gimbal is known: --known, or 'inertia: trusted' where it was weighed"
         if len(hidden) == 3:
             return f"the log does not show where the payload sits{closer}"
         unseen = (f" ({' and '.join(hidden)} does not show)" if hidden else "") + closer
-        way = _describe_direction(shift, least, "where its URDF says", "where that says", " than its URDF says")
+        way = _describe_direction(
+            shift, least, "where its URDF says", "where that says", " than its URDF says"
+        )
         return f"the payload sits {way}{unseen}"
 
     def _describe_mass(self) -> str:
@@ -155,10 +163,20 @@ class PayloadDiscrepancy:
         """Say that the body's products of inertia are others than stated, or nothing."""
         size = float(np.abs(self.products.change).max(initial=0.0))
         # Where a place does not show, its moments m x y are in the products.
-        if not all(self.shift.axes) or not self.products.is_significant or size < FORM_ERROR * self.moment:
+        if (
+            not all(self.shift.axes)
+            or not self.products.is_significant
+            or size < FORM_ERROR * self.moment
+        ):
             return ""
-        shown = zip(("Ixy", "Ixz", "Iyz"), self.products.change.tolist(), self.products.std.tolist())
-        figures = ", ".join(f"{name} by {format_estimate(x, s, 2)}" for name, x, s in shown if abs(x) > DEVIATIONS * s)
+        shown = zip(
+            ("Ixy", "Ixz", "Iyz"), self.products.change.tolist(), self.products.std.tolist()
+        )
+        figures = ", ".join(
+            f"{name} by {format_estimate(x, s, 2)}"
+            for name, x, s in shown
+            if abs(x) > DEVIATIONS * s
+        )
         meaning = "turning one axis pushes the others more than the URDF says"
         return f"{self.body}: products of inertia differ from the URDF, {figures} kg m^2: {meaning}"
 
@@ -185,7 +203,9 @@ class PayloadDiscrepancy:
         if not (said := self._describe_products()):
             return {"camera": row}
         products = self.products
-        figures = zip(("Ixy", "Ixz", "Iyz"), products.axes, products.change.tolist(), products.std.tolist())
+        figures = zip(
+            ("Ixy", "Ixz", "Iyz"), products.axes, products.change.tolist(), products.std.tolist()
+        )
         differ = {name: {"value": x, "std": s} for name, yes, x, s in figures if yes}
         return {"camera": row, self.body: {**differ, "sentence": said}}
 
@@ -230,11 +250,15 @@ class RelativePlace:
         """How far it is from that."""
         new, first = (f"{digits(1e3 * mass, 4)} g" for mass in self.masses)
         way = _describe_direction(self.shift, 0.0, "at the same place", "the same", "")
-        return f"relative to {self.name} as it was found, at {first} of that and {new} of this: {way}"
+        return (
+            f"relative to {self.name} as it was found, at {first} of that and {new} of this: {way}"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds: millimetres forward, left and up, grams; null where nothing is shown."""
-        columns = zip(self.shift.axes, (1e3 * self.shift.change).tolist(), (1e3 * self.shift.std).tolist())
+        columns = zip(
+            self.shift.axes, (1e3 * self.shift.change).tolist(), (1e3 * self.shift.std).tolist()
+        )
         shown = [(x, s) if yes else (None, None) for yes, x, s in columns]
         return {
             "payload": self.name,
@@ -280,15 +304,22 @@ def compare_places(
     shift = new.shift._replace(basis=turn @ new.shift.basis)
     columns = first.responses[:, mine]
     moments = stated * columns[:, MOMENT_PLACES] @ frame.rotation @ turn.T
-    old = _doubt_bodies(first, trust).explain(moments, columns[:, INERTIA_PLACES], 1e3)  # however loosely
+    old = _doubt_bodies(first, trust).explain(
+        moments, columns[:, INERTIA_PLACES], 1e3
+    )  # however loosely
     spread = ratio**2 * shift.basis.T @ old.basis @ old.covariance @ old.basis.T @ shift.basis
     # Of two deviations whose correlation is not known, the sum is no larger than this.
     share = np.sqrt(np.trace(spread) / np.trace(shift.covariance))
     covariance = (1 + share) * shift.covariance + (0 if share == 0 else 1 + 1 / share) * spread
-    shift = shift._replace(value=shift.value + ratio * shift.basis.T @ old.change, covariance=covariance)
+    shift = shift._replace(
+        value=shift.value + ratio * shift.basis.T @ old.change, covariance=covariance
+    )
     known = apart.shift._replace(basis=turn @ apart.shift.basis)
     apart_too = np.abs(shift.change - known.change) > NORMAL_95 * shift.std
-    if known.axes == shift.axes and not (apart_too | (known.std > DEVIATIONS * shift.std))[shift.axes].any():
+    if (
+        known.axes == shift.axes
+        and not (apart_too | (known.std > DEVIATIONS * shift.std))[shift.axes].any()
+    ):
         return None
     return RelativePlace(name, shift, (whole, stated))
 
@@ -313,7 +344,11 @@ class PayloadStatement:
     def lines(self) -> tuple[str, ...]:
         """Where it sits and what it weighs, in sentences."""
         sentence, *rest = ("",) if self.apart is None else self.apart.lines
-        return tuple(line for line in (sentence, "" if self.beside is None else self.beside.sentence, *rest) if line)
+        return tuple(
+            line
+            for line in (sentence, "" if self.beside is None else self.beside.sentence, *rest)
+            if line
+        )
 
     @property
     def weighed(self) -> float | None:
@@ -361,8 +396,14 @@ def state_payload(
     """
     if not found.rig.aims:
         return PayloadStatement()
-    explained = explain_by_payload(found, mass, trust) if own is None else explain_by_payload(own, mass, 0.0)
-    return PayloadStatement(explained, compute_balance(found, None if explained is None else explained.known_mass))
+    explained = (
+        explain_by_payload(found, mass, trust)
+        if own is None
+        else explain_by_payload(own, mass, 0.0)
+    )
+    return PayloadStatement(
+        explained, compute_balance(found, None if explained is None else explained.known_mass)
+    )
 
 
 def report_with_payload(found: Identified, payload: PayloadStatement) -> dict[str, Any]:
@@ -400,10 +441,14 @@ def explain_by_payload(
     std_if_known = np.inf
     if doubted is not found:
         known = explain_by_payload(found, weighed, 0.0)
-        std_if_known = float(known.shift.std.max()) if known is not None and any(known.shift.axes) else np.inf
+        std_if_known = (
+            float(known.shift.std.max()) if known is not None and any(known.shift.axes) else np.inf
+        )
     power, freedom = found.compute_rest(own)
     is_sufficient = freedom == 0 or bool(chi2.sf(power, freedom) > FALSE_ALARM)
-    found, open_ = (doubted, own[:, INERTIA_PLACES]) if is_sufficient else _allow_other_bodies(doubted, body)
+    found, open_ = (
+        (doubted, own[:, INERTIA_PLACES]) if is_sufficient else _allow_other_bodies(doubted, body)
+    )
     asked = _PayloadColumns(found, body, inertia, frame, open_)
     mass = asked.explain_mass(weighed)
     shift, per_mass = asked.explain_shift(mass, weighed is not None)
@@ -435,7 +480,9 @@ def _check_weighed(weighed: float | None, stated: float) -> None:
     """Raise `UsageError` for a mass in grams, which is taken for kilograms."""
     if weighed is not None and stated > 0 and not 1 / 30 < weighed / stated < 30:
         what = f"{weighed:g} kg is {digits(weighed / stated, 2)} times what its URDF states"
-        raise UsageError("the payload's mass", what, "give it in kilograms, or state it in the payload's URDF")
+        raise UsageError(
+            "the payload's mass", what, "give it in kilograms, or state it in the payload's URDF"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -485,7 +532,9 @@ class _PayloadColumns:
         """Explain the difference by its mass, wherever it is; one that was weighed is no estimate."""
         if weighed is not None:
             count = len(self.found.change)
-            return ShownChange(np.eye(1), np.array([weighed - self.stated]), np.zeros((1, 1)), np.zeros((1, count)))
+            return ShownChange(
+                np.eye(1), np.array([weighed - self.stated]), np.zeros((1, 1)), np.zeros((1, count))
+            )
         unknown = np.hstack([self.stated * self.per_metre, self.open])
         return self.found.explain(self.heavier, unknown, LEAST_KNOWN * self.stated)
 
@@ -516,7 +565,9 @@ class _PayloadColumns:
         whole = self.stated + float(mass.change[0]) + extra
         return np.asarray(there * whole / self.stated - self.inertia.toDynamicParameters())
 
-    def explain_products(self, mass: ShownChange, shift: ShownChange, per_mass: Array) -> ShownChange:
+    def explain_products(
+        self, mass: ShownChange, shift: ShownChange, per_mass: Array
+    ) -> ShownChange:
         """Explain what shift and mass leave by products of inertia."""
         extra = TRIAL_MASS * self.stated
         own = self.own
@@ -524,7 +575,11 @@ class _PayloadColumns:
         left = replace(self.found, change=self.found.change - own @ found)
         trial = self.change_payload(mass, shift.change + extra * per_mass, extra)
         hidden = own @ (trial - found)[:, None]  # makes products, too
-        beside = [np.delete(own, PRODUCT_PLACES, axis=1), self.open[:, 6:], hidden[:, len(mass.value) :]]
+        beside = [
+            np.delete(own, PRODUCT_PLACES, axis=1),
+            self.open[:, 6:],
+            hidden[:, len(mass.value) :],
+        ]
         return left.explain(own[:, PRODUCT_PLACES], np.hstack(beside), LEAST_KNOWN * self.moment)
 
     def is_physical(self, mass: ShownChange, shift: ShownChange) -> bool:
@@ -536,7 +591,9 @@ class _PayloadColumns:
         about = compute_inertia_regressor(rig, np.zeros((1, rig.n)), body)[0, body, columns]
         off = float(np.linalg.norm(np.cross(find_joint_axis(rig, body), total[MOMENT_PLACES])))
         heavy = self.stated + float(mass.change[0]) > 0
-        return heavy and is_physical_inertia(float(about @ self.found.refitted), float(total[0]), off)
+        return heavy and is_physical_inertia(
+            float(about @ self.found.refitted), float(total[0]), off
+        )
 
 
 def _doubt_bodies(found: BaseDifference, trust: float) -> BaseDifference:
@@ -546,8 +603,14 @@ def _doubt_bodies(found: BaseDifference, trust: float) -> BaseDifference:
         return found
     bare = found.rig.phi.reshape(-1, 10).copy()
     bare[body] -= inertia.toDynamicParameters()
-    solid = bare[:, 0] > 1e-3 * inertia.mass  # where nothing carries it, the difference of two sums is rounding
-    return found.widen(trust * found.responses[:, np.repeat(solid, 10)] @ compute_deformation_root(bare[solid].ravel()))
+    solid = (
+        bare[:, 0] > 1e-3 * inertia.mass
+    )  # where nothing carries it, the difference of two sums is rounding
+    return found.widen(
+        trust
+        * found.responses[:, np.repeat(solid, 10)]
+        @ compute_deformation_root(bare[solid].ravel())
+    )
 
 
 def _allow_other_bodies(found: BaseDifference, body: int) -> tuple[BaseDifference, Array]:

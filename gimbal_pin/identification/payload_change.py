@@ -69,13 +69,19 @@ def compare_halves(blocks: Sequence[Block], rows: Design) -> float:
     `rows`: what the blocks are of.
     """
     parts = split_halves(blocks)
-    if any(count_effective_rows(part).sum() < TELLING * len(rows.names) for part in parts if part) or not all(parts):
+    if any(
+        count_effective_rows(part).sum() < TELLING * len(rows.names) for part in parts if part
+    ) or not all(parts):
         return 0.0
     count = count_effective_rows(blocks)
     factors = factor_rows(blocks)
-    *_, scale = weigh_and_solve(factors, lambda theta: compute_residual_power(factors, theta, count))
+    *_, scale = weigh_and_solve(
+        factors, lambda theta: compute_residual_power(factors, theta, count)
+    )
     each = [solve(part, scale=scale) for part in parts]
-    significance, change = score_halves([(one.theta, one.covariance) for one in each], payload_directions(rows))
+    significance, change = score_halves(
+        [(one.theta, one.covariance) for one in each], payload_directions(rows)
+    )
     torque = np.concatenate([block.b for block in blocks])
     moved = np.concatenate([block.A @ change for block in blocks])
     power = np.mean(torque**2, axis=0)

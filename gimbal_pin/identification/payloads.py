@@ -11,7 +11,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from gimbal_pin.checks import CheckedLog, check_assignment, check_log, check_time, collect_alterations
+from gimbal_pin.checks import (
+    CheckedLog,
+    check_assignment,
+    check_log,
+    check_time,
+    collect_alterations,
+)
 from gimbal_pin.dynamics.model import Estimated, Model, build_friction_effects
 from gimbal_pin.dynamics.reduction import (
     Reduction,
@@ -36,7 +42,11 @@ from gimbal_pin.identification.fitting import (
     split_logs,
 )
 from gimbal_pin.identification.identified import Identified, describe_faults
-from gimbal_pin.identification.known_gimbal import compute_limit, describe_contradiction, update_gimbal
+from gimbal_pin.identification.known_gimbal import (
+    compute_limit,
+    describe_contradiction,
+    update_gimbal,
+)
 from gimbal_pin.identification.payload import (
     PayloadStatement,
     compare_payload,
@@ -114,8 +124,13 @@ class CameraEstimate:
 
     def to_dict(self) -> list[dict[str, Any]]:
         """Return rows of name, value, std, unit and the URDF's value."""
-        rows = zip(self.names, self.value.tolist(), self.std.tolist(), self.units, self.urdf.tolist())
-        return [{"name": n, "value": x, "std": s, "unit": u, "urdf": given} for n, x, s, u, given in rows]
+        rows = zip(
+            self.names, self.value.tolist(), self.std.tolist(), self.units, self.urdf.tolist()
+        )
+        return [
+            {"name": n, "value": x, "std": s, "unit": u, "urdf": given}
+            for n, x, s, u, given in rows
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,17 +168,26 @@ class Several(Record):
         """Payload → where it sits and what it weighs, against its own URDF, and how to balance it."""
         known = self.known
         mass = self.mass
-        return {name: compare_camera(one, self.cameras[name], mass, known) for name, one in self.identified.items()}
+        return {
+            name: compare_camera(one, self.cameras[name], mass, known)
+            for name, one in self.identified.items()
+        }
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What has to be known before the parameters are read, in sentences: the cameras' worst, then their next."""
-        each = [[f"with {name}: {said}" for said in one.warnings] for name, one in self.identified.items()]
+        each = [
+            [f"with {name}: {said}" for said in one.warnings]
+            for name, one in self.identified.items()
+        ]
         return tuple(said for rank in zip_longest(*each) for said in rank if said is not None)
 
     def refitted(self, whole: Several) -> Several:
         """Return an estimate from all data with the held-out accuracy of this one, which had not seen all of it."""
-        each = {name: keep_held_out_accuracy(self.identified[name], one) for name, one in whole.identified.items()}
+        each = {
+            name: keep_held_out_accuracy(self.identified[name], one)
+            for name, one in whole.identified.items()
+        }
         return replace(whole, identified=each)
 
     @property
@@ -182,7 +206,12 @@ class Several(Record):
         }
         first = each.get(self.reference, next(iter(each.values())))
         logs = [log for one in self.identified.values() for log in one.logs]
-        whole = {"logs": logs, "warnings": list(self.warnings), "reference": self.reference, "note": self.sentence}
+        whole = {
+            "logs": logs,
+            "warnings": list(self.warnings),
+            "reference": self.reference,
+            "note": self.sentence,
+        }
         return {**first, **whole, "payloads": each}
 
 
@@ -208,18 +237,29 @@ def compare_camera(
         return replace(whole, change=camera.columns @ value, covariance=spread, weighting=spread)
 
     said = state_payload(whole, mass, own=carry(camera.value - camera.urdf, camera.covariance))
-    if known is None or known.estimated is None or known.rig.payload in (None, BARE) or said.apart is None:
+    if (
+        known is None
+        or known.estimated is None
+        or known.rig.payload in (None, BARE)
+        or said.apart is None
+    ):
         return said
     body = find_camera_body(whole.rig)
     given = whole.rig.phi.copy()
-    given[10 * body : 10 * body + 10] += get_stated_payload(known.rig) - get_stated_payload(whole.rig)
+    given[10 * body : 10 * body + 10] += get_stated_payload(known.rig) - get_stated_payload(
+        whole.rig
+    )
     rig = known.rig.with_phi(given)
     width = len(whole.change)
     spread = known.estimated.covariance[:width, :width]
     theta = known.estimated.theta[:width]
-    first = BaseDifference(rig, whole.reduction, theta - given_beta(rig, whole.reduction), spread, spread)
+    first = BaseDifference(
+        rig, whole.reduction, theta - given_beta(rig, whole.reduction), spread, spread
+    )
     own = replace(carry(*camera.change), rig=rig)
-    return replace(said, beside=compare_places(own, first, said.apart, known.rig.payload, mass, found.trust))
+    return replace(
+        said, beside=compare_places(own, first, said.apart, known.rig.payload, mass, found.trust)
+    )
 
 
 class _Part(NamedTuple):
@@ -242,7 +282,9 @@ def _build_part(
 ) -> _Part:
     """Return the rows of the logs with one payload, parted at two thirds of every log."""
     if holdout not in (None, "none", "last-third"):
-        raise UsageError("--holdout", f"cannot be '{holdout}' for several payloads", "use last-third or none")
+        raise UsageError(
+            "--holdout", f"cannot be '{holdout}' for several payloads", "use last-third or none"
+        )
     filters = filtering or limit_cutoff(Filtering(), logs)
     checked = tuple(check_log(rig, log, filtering=filtering) for log in logs)
     logs = [one.log for one in checked]
@@ -279,7 +321,9 @@ class CarrierEstimate:
         body = find_camera_body(rig)
         matrix, names = stack_regressors(rig)
         mine = [k for k, name in enumerate(names) if name.rsplit(".", 1)[0] == rig.links[body]]
-        own = scan_columns(matrix[:, mine], tuple(f"camera.{names[k].rsplit('.', 1)[1]}" for k in mine))
+        own = scan_columns(
+            matrix[:, mine], tuple(f"camera.{names[k].rsplit('.', 1)[1]}" for k in mine)
+        )
         places = [10 * body + PHI.index(SCAN[k]) for k in own.independent]
         return CarrierEstimate(body, own, map_phi_to_base(rig, reduction)[:, places])
 
@@ -295,7 +339,9 @@ class CarrierEstimate:
     def build_prior(self, rig: Rig, reference: Rig) -> Array:
         """Rows ``[U z]`` of what shows of a camera less the reference's: its URDF's, to `WIDE_TRUST`, (r, r + 1)."""
         root = WIDE_TRUST * self.shown(compute_deformation_root(rig.phi[self.parameters]))
-        return build_prior_rows(root, self.shown(get_stated_payload(rig) - get_stated_payload(reference)))
+        return build_prior_rows(
+            root, self.shown(get_stated_payload(rig) - get_stated_payload(reference))
+        )
 
     def compute_columns(self, block: Block) -> Array:
         """Torque per parameter that shows, (m, n, r): the base columns hold it already, filtered and masked."""
@@ -315,7 +361,10 @@ class CarrierEstimate:
         for way in (root @ vectors[:, power > (TRUST / WIDE_TRUST) ** 2]).T:
             share = np.abs(way / size)
             kept = np.flatnonzero(share > UNSEEN_SHARE * share.max())
-            terms = {self.reduction.base_names[k]: float(f"{way[k] / way[kept[-1]]:.2g}") for k in kept[::-1].tolist()}
+            terms = {
+                self.reduction.base_names[k]: float(f"{way[k] / way[kept[-1]]:.2g}")
+                for k in kept[::-1].tolist()
+            }
             said.append(
                 f"the log does not show {format_sum(terms)}: any multiple in the camera leaves its torque as it is"
             )
@@ -357,7 +406,9 @@ def _conclude_camera(
     pick = own.map_change(place, width, len(estimate.theta))
     whole = np.eye(width, len(estimate.theta))
     whole[: len(own.columns)] += own.columns @ pick
-    one = replace(estimate, theta=whole @ estimate.theta, covariance=whole @ estimate.covariance @ whole.T)
+    one = replace(
+        estimate, theta=whole @ estimate.theta, covariance=whole @ estimate.covariance @ whole.T
+    )
     base = get_stated_payload(reference[1])
     urdf = get_stated_payload(design.rig)
     leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
@@ -366,7 +417,9 @@ def _conclude_camera(
     units = list_units(leading)
     value = own.shown(base) + gamma
     stated = own.shown(urdf)
-    mounted = CameraEstimate(own.reduction.base_names, units, value, spread, stated, own.columns, (gamma, spread))
+    mounted = CameraEstimate(
+        own.reduction.base_names, units, value, spread, stated, own.columns, (gamma, spread)
+    )
     unseen = own.describe_unseen(spread, own.build_prior(design.rig, reference[1])[:, :-1])
     given = design.rig.phi.copy()
     given[own.parameters] += base - urdf
@@ -405,9 +458,13 @@ def _hedge_camera(
     root = update_bodies(given, mixing, *beta, TRUST)[1]
     apart = own.shown((phi - given)[own.parameters])
     undecided = own.shown(root[own.parameters])
-    spread = mounted.covariance + undecided @ undecided.T  # how the bodies share the sum is the log's to leave open
+    spread = (
+        mounted.covariance + undecided @ undecided.T
+    )  # how the bodies share the sum is the log's to leave open
     size = np.sqrt(np.diag(spread))
-    squares = float(apart / size @ np.linalg.lstsq(spread / np.outer(size, size), apart / size, rcond=1e-9)[0])
+    squares = float(
+        apart / size @ np.linalg.lstsq(spread / np.outer(size, size), apart / size, rcond=1e-9)[0]
+    )
     if squares < compute_limit(len(apart)) * len(apart):
         return mounted, ()
     worst = int(np.argmax(np.abs(apart) / size))
@@ -457,7 +514,10 @@ def identify_several(
     reduction = reduce_parameters(rigs[reference])
     own = CarrierEstimate.of(rigs[reference], reduction)
     everything = (*build_friction_effects(rigs[reference].joints), *effects)
-    each = [_build_part(rigs[name], logs[name], everything, holdout, filtering, reduction) for name in order]
+    each = [
+        _build_part(rigs[name], logs[name], everything, holdout, filtering, reduction)
+        for name in order
+    ]
     aligned, late = _align_parts(each, own)
     parts = dict(zip(order, aligned))
     joint = _join_cameras([part.blocks for part in aligned], own)
@@ -466,7 +526,9 @@ def identify_several(
         build_urdf_prior(first, WIDE_TRUST),
         *(own.build_prior(rigs[name], rigs[reference]) for name in order[1:]),
     ]
-    prior = np.column_stack([block_diag(*(x[:, :-1] for x in priors)), np.concatenate([x[:, -1] for x in priors])])
+    prior = np.column_stack(
+        [block_diag(*(x[:, :-1] for x in priors)), np.concatenate([x[:, -1] for x in priors])]
+    )
     alone = _fit_with_wide_prior(estimator, joint, prior)
     check_seen(first.logs[0].name, first.names, joint, alone)
     estimate, missed = add_misfit(joint, alone, len(order))
@@ -479,18 +541,26 @@ def identify_several(
         one = replace(estimate, residual_std=estimate.residual_std[mine])
         known = (estimate.theta, estimate.covariance)
         base = (reference, rigs[reference])
-        identified[name], cameras[name] = _conclude_camera(part, own, one, k, base, known, missed[mine], late)
+        identified[name], cameras[name] = _conclude_camera(
+            part, own, one, k, base, known, missed[mine], late
+        )
     for part in parts.values():  # by itself: in the sum with the others' a wrong sign may hide
         check_assignment(part.blocks, fit_weighted(part.blocks))
-    return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
+    return Several(
+        {name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference
+    )
 
 
 def _join_cameras(each: Sequence[Sequence[Block]], own: CarrierEstimate) -> list[Block]:
     """Return the rows of all cameras as one regression, see `_widen_blocks`."""
-    return [block for k, blocks in enumerate(each) for block in _widen_blocks(blocks, own, k, len(each))]
+    return [
+        block for k, blocks in enumerate(each) for block in _widen_blocks(blocks, own, k, len(each))
+    ]
 
 
-def _widen_blocks(blocks: Sequence[Block], own: CarrierEstimate, place: int, count: int) -> Iterator[Block]:
+def _widen_blocks(
+    blocks: Sequence[Block], own: CarrierEstimate, place: int, count: int
+) -> Iterator[Block]:
     """Yield blocks with columns for `count - 1` further cameras, those of camera `place` filled in, (m, n count, …).
 
     The joints with each camera are joints of their own, a camera's after another's: each weighs by its own residual,
@@ -502,12 +572,16 @@ def _widen_blocks(blocks: Sequence[Block], own: CarrierEstimate, place: int, cou
         A = np.zeros((m, n, count, width + size * (count - 1)))
         A[:, :, place, :width] = block.A
         if place:
-            A[:, :, place, width + size * (place - 1) : width + size * place] = own.compute_columns(block)
+            A[:, :, place, width + size * (place - 1) : width + size * place] = own.compute_columns(
+                block
+            )
         apart = np.eye(count)[place, :, None]
         placed = (block.b, block.share, block.slope, block.known)
         b, share, slope, known = ((apart * x[:, None]).reshape(m, -1) for x in placed)
         q, v = (np.tile(x, count) for x in (block.q, block.v))
-        yield Block(block.t, A.swapaxes(1, 2).reshape(m, n * count, -1), b, q, v, share, slope, known)
+        yield Block(
+            block.t, A.swapaxes(1, 2).reshape(m, n * count, -1), b, q, v, share, slope, known
+        )
 
 
 def _fit_with_wide_prior(estimator: Estimator, blocks: Sequence[Block], prior: Array) -> Estimate:
@@ -554,13 +628,22 @@ def identify_new(
     width = len(reduction.independent)
     count = sum(len(effect.coefficients) for effect in effects)
     if before.names[:width] != reduction.base_names or len(before.names) != width + count:
-        raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")
+        raise UsageError(
+            "--known",
+            "holds other parameters than this rig",
+            f"identify {rig.name} with another camera",
+        )
     own = CarrierEstimate.of(rig, reduction)
-    (part,), late = _align_parts([_build_part(rig, logs, effects, holdout or "none", filtering, reduction)], own)
+    (part,), late = _align_parts(
+        [_build_part(rig, logs, effects, holdout or "none", filtering, reduction)], own
+    )
     blocks = part.blocks
     design = part.blocks.design
     place = part.checked[0].log.name
-    mine = [block._replace(A=own.compute_columns(block), b=block.b - block.A @ before.theta) for block in blocks]
+    mine = [
+        block._replace(A=own.compute_columns(block), b=block.b - block.A @ before.theta)
+        for block in blocks
+    ]
     # Against the whole torque: a camera that is as the known one leaves none of its own.
     heard = [some._replace(b=block.b) for some, block in zip(mine, blocks)]
     names = own.reduction.base_names
@@ -568,7 +651,9 @@ def identify_new(
     shown = _fit_with_wide_prior(fit_weighted, mine, prior)
     if len(find_unseen(names, heard, shown)) == len(names):
         check_seen(place, names, heard, shown)
-    alone, missed = add_misfit(blocks, _fit_with_wide_prior(estimator, blocks, build_urdf_prior(design, WIDE_TRUST)))
+    alone, missed = add_misfit(
+        blocks, _fit_with_wide_prior(estimator, blocks, build_urdf_prior(design, WIDE_TRUST))
+    )
     alone = add_lag_spread(blocks, alone, late)
     reach = np.vstack([own.columns, np.zeros((len(design.names) - width, own.columns.shape[1]))])
     found = update_gimbal(before, alone, reach, place)
@@ -597,5 +682,7 @@ def apply_changes(rig: Rig, changes: Sequence[RigEffect]) -> Rig:
 def get_known_parameters(known: Model) -> Estimated:
     """Return what is known of a model's parameters; `UsageError` if it was not identified."""
     if known.estimated is None:
-        raise UsageError("--known", "holds no uncertainty", "give a model that 'gimbal-pin identify -o' wrote")
+        raise UsageError(
+            "--known", "holds no uncertainty", "give a model that 'gimbal-pin identify -o' wrote"
+        )
     return known.estimated

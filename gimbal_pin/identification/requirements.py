@@ -24,13 +24,19 @@ def check_enough(blocks: DesignBlocks) -> None:
     if have < want:
         seconds = max(float(np.ptp(log.t)) if len(log) else 0.0 for log in design.logs)
         what = f"{seconds:.3g} s leave {have} filtered rows for {len(design.names)} parameters; they cannot show any of"
-        need = want / design.rig.n / (2 * design.filtering.cutoff) + 2 * compute_settling_time(design.filtering)
-        raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", design.names)
+        need = want / design.rig.n / (2 * design.filtering.cutoff) + 2 * compute_settling_time(
+            design.filtering
+        )
+        raise DataError(
+            name, what, f"record at least {max(need * 2, 10):.0f} s of motion", design.names
+        )
     torque = np.max([np.abs(block.b).max(axis=0, initial=0.0) for block in blocks], axis=0)
     check_driven(name, design.rig.joints, torque, compute_used_shares(blocks) > LEAST_MOVING)
 
 
-def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:
+def check_seen(
+    place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate
+) -> None:
     """Raise `DataError` with the parameters whose uncertainty alone moves more torque than the whole log has."""
     if hidden := find_unseen(names, blocks, estimate):
         raise DataError(place, *_explain_hidden(blocks), hidden)
@@ -40,7 +46,10 @@ def _explain_hidden(blocks: Sequence[Block]) -> tuple[str, str]:
     """Say why parameters leave no trace, and what to do: too little motion, or more noise than motion."""
     kept = compute_used_shares(blocks).min()
     if kept >= LEAST_MOVING:
-        return "its motion leaves no trace of", "move every joint, several at a time: see 'gimbal-pin excite'"
+        return (
+            "its motion leaves no trace of",
+            "move every joint, several at a time: see 'gimbal-pin excite'",
+        )
     what = f"no faster than their rate's noise, or still, are all but {100 * kept:.2g} % of a joint's samples"
     mend = "move every joint, all the time: see 'gimbal-pin excite'; or record finer angles, or rates (dq_)"
     return f"{what}; the rest leaves no trace of", mend
@@ -51,11 +60,15 @@ def compute_used_shares(blocks: Sequence[Block]) -> Array:
     return np.asarray(np.mean(np.concatenate([block.share for block in blocks]) ** 2, axis=0))
 
 
-def find_unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> tuple[str, ...]:
+def find_unseen(
+    names: Sequence[str], blocks: Sequence[Block], estimate: Estimate
+) -> tuple[str, ...]:
     """Return the parameters whose uncertainty alone moves more torque than the whole log has."""
     power = np.mean([np.mean(block.A**2, axis=0) for block in blocks], axis=0)
     torque = np.sqrt(np.mean([np.mean(block.b**2, axis=0) for block in blocks], axis=0))
     reach = np.where(power.sum(axis=0) > 0, np.sqrt(power).max(axis=0), 0.0)
     std = np.where(np.isfinite(estimate.std), estimate.std, np.inf)
     blind = (reach == 0) | (std * np.maximum(reach, 1e-300) > torque.max())
-    return tuple(name for name, hidden in zip(names, blind) if hidden or torque.max() < NEGLIGIBLE_TORQUE)
+    return tuple(
+        name for name, hidden in zip(names, blind) if hidden or torque.max() < NEGLIGIBLE_TORQUE
+    )

@@ -71,7 +71,9 @@ def is_degraded(fit: float, simpler: float) -> bool:
     return max((100 - fit) ** 2 - (100 - simpler) ** 2, 0.0) ** 0.5 > 100 - EXPLAINED
 
 
-def judge_joint(fit: float, used: float, structured: bool, lacks_form: bool, is_worse: bool) -> Opinion:
+def judge_joint(
+    fit: float, used: float, structured: bool, lacks_form: bool, is_worse: bool
+) -> Opinion:
     """Return the state of a joint's torque.
 
     Args:
@@ -116,7 +118,10 @@ class Accuracy:
 
     def __str__(self) -> str:
         """One line: every joint's error and fit."""
-        each = (f"{j} {error:.3g} N m ({digits(self.fit_percent[j], 4)} %)" for j, error in self.torque_rmse.items())
+        each = (
+            f"{j} {error:.3g} N m ({digits(self.fit_percent[j], 4)} %)"
+            for j, error in self.torque_rmse.items()
+        )
         return f"{self.how}: torque error rms (fit)  {', '.join(each)}"
 
     def judge(self, joint: str, missed: Misfit, simpler: Sequence[Accuracy] = ()) -> Opinion:
@@ -131,7 +136,9 @@ class Accuracy:
         torque = self.torque_rmse[joint] / max(1.0 - fit / 100.0, 1e-9)
         structured = missed.share > STRUCTURED and missed.size > FORM_ERROR * torque
         is_worse = any(is_degraded(fit, one.fit_percent[joint]) for one in simpler)
-        return judge_joint(fit, self.used[joint], structured, missed.share > UNEXPLAINED_SHARE, is_worse)
+        return judge_joint(
+            fit, self.used[joint], structured, missed.share > UNEXPLAINED_SHARE, is_worse
+        )
 
     def exceeds(self, other: Accuracy, joint: str, ratio: float = 1.0) -> bool:
         """Whether the error at a joint is surely more than so many times the other's."""
@@ -140,23 +147,31 @@ class Accuracy:
         return bool(self.torque_rmse[joint] > least)
 
 
-def measure_accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:
+def measure_accuracy(
+    joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str
+) -> Accuracy:
     """Compare predicted and measured filtered torque of at least one block."""
     whole = join_blocks(blocks)
     errors = [block.b - block.A @ theta for block in whole]
-    measured, share = (np.concatenate([getattr(block, name) for block in whole]) for name in ("b", "share"))
+    measured, share = (
+        np.concatenate([getattr(block, name) for block in whole]) for name in ("b", "share")
+    )
     error = np.concatenate(errors)
     rows = np.maximum(np.sum(share**2, axis=0), 1e-300)
     rmse = np.sqrt(np.sum(error**2, axis=0) / rows)
     mean = np.sum(measured * share, axis=0) / rows
     spread = np.linalg.norm(measured - mean * share, axis=0)
     fit = 100 * (
-        1 - np.linalg.norm(error, axis=0) / np.where(spread > NEGLIGIBLE_TORQUE * np.sqrt(rows), spread, np.nan)
+        1
+        - np.linalg.norm(error, axis=0)
+        / np.where(spread > NEGLIGIBLE_TORQUE * np.sqrt(rows), spread, np.nan)
     )
     used = np.mean(share**2, axis=0)
     lags = compute_autocovariance(errors, [block.share for block in whole])
     effective = count_independent_rows(lags, rows)
-    return Accuracy(how, *(dict(zip(joints, values.tolist())) for values in (rmse, fit, used, effective)))
+    return Accuracy(
+        how, *(dict(zip(joints, values.tolist())) for values in (rmse, fit, used, effective))
+    )
 
 
 @dataclass(frozen=True)
@@ -184,7 +199,11 @@ class Validation:
         """Yield the joints whose torque is known in the rows that were fitted only."""
         for joint in self.train.torque_rmse:
             if self.overfitted(joint):
-                yield Doubt(joint, f"{self.fits(joint)}: it holds for nothing but what it was fitted to", True)
+                yield Doubt(
+                    joint,
+                    f"{self.fits(joint)}: it holds for nothing but what it was fitted to",
+                    True,
+                )
 
     def fits(self, joint: str) -> str:
         """Return how well each part is fitted, in words."""

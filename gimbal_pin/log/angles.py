@@ -42,7 +42,9 @@ def find_wraps(t: Array, q: Array, period: float) -> Array:
     steps = np.diff(q)
     times = np.diff(t)
     turns = np.round(steps / period)
-    reach = RATE_MARGIN * times * np.quantile(np.abs(steps / times), USUAL_SHARE * np.mean(turns == 0))
+    reach = (
+        RATE_MARGIN * times * np.quantile(np.abs(steps / times), USUAL_SHARE * np.mean(turns == 0))
+    )
     is_motion = np.abs(steps - period * turns) <= reach + 1e-9 * period
     return np.where(is_motion & (reach < RATE_MARGIN * period / 4), turns, 0.0)
 
@@ -61,14 +63,20 @@ def unwrap_angles(
     for j, joint in enumerate(rig.joints):
         if rig.slides[j] or len(t) < LEAST_SAMPLES or np.abs(np.diff(q[:, j])).max() < pi:
             continue
-        period, turns = next(((p, x) for p in PERIODS if np.any(x := find_wraps(t, q[:, j], p))), (0.0, None))
+        period, turns = next(
+            ((p, x) for p in PERIODS if np.any(x := find_wraps(t, q[:, j], p))), (0.0, None)
+        )
         if turns is None:
             continue
         column = f"q_{joint}"
         count = int(np.count_nonzero(turns))
         if period > 2 * pi:
             entry = f"{column}={sources.get(column, Source(column)).times(f'2*pi/{period:g}')}"
-            raise LogError(f"{name}: {column}", f"starts over at {period:g}, not at 2 pi", f"map it: --map '{entry}'")
+            raise LogError(
+                f"{name}: {column}",
+                f"starts over at {period:g}, not at 2 pi",
+                f"map it: --map '{entry}'",
+            )
         x = q[:, j] - np.append(0.0, period * np.cumsum(turns))
         if np.isfinite(ends := [float(stop[j]) for stop in rig.stops]).all():
             x -= period * np.round((np.median(x) - sum(ends) / 2) / period)
@@ -93,7 +101,11 @@ def check_within_stops(name: str, rig: Rig, q: Array, sources: Mapping[str, Sour
     ends = np.quantile(q, [1 - USUAL_SHARE, USUAL_SHARE], axis=0).tolist()
     for joint, low, high, lower, upper in zip(rig.joints, *ends, *rig.stops):
         slack = STOP_MARGIN * (upper - lower)
-        if len(q) < LEAST_SAMPLES or not slack > 0 or (low >= lower - slack and high <= upper + slack):
+        if (
+            len(q) < LEAST_SAMPLES
+            or not slack > 0
+            or (low >= lower - slack and high <= upper + slack)
+        ):
             continue
         source = sources.get(f"q_{joint}", Source(f"q_{joint}"))
         least = high - upper
@@ -111,6 +123,8 @@ def check_within_stops(name: str, rig: Rig, q: Array, sources: Mapping[str, Sour
             mend = f"the log does not tell the encoder's zero, which may be {span}: measure it at a known pose"
             mend = f"{mend}, and state it as encoder_zero of this motor in the rig's YAML, or correct the limits"
         if (low > upper or high < lower) and least <= most:
-            raise LogError(f"{name}: q_{joint}", rig.in_units(joint, what), rig.in_units(joint, mend))
+            raise LogError(
+                f"{name}: q_{joint}", rig.in_units(joint, what), rig.in_units(joint, mend)
+            )
         notes.append(rig.in_units(joint, f"{name}: q_{joint} {what}; {mend}"))
     return notes

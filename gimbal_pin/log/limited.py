@@ -42,7 +42,9 @@ def compute_limit_shares(joints: Sequence[str], tau: Array, tau_max: Array) -> d
 
 def describe_limits(shares: Mapping[str, float]) -> str:
     """Return ``yaw 45 %, roll 12 %``, the longest first; empty where no share reaches `LEAST_SHARE_TOLD`."""
-    weak = sorted((pair for pair in shares.items() if pair[1] >= LEAST_SHARE_TOLD), key=lambda pair: -pair[1])
+    weak = sorted(
+        (pair for pair in shares.items() if pair[1] >= LEAST_SHARE_TOLD), key=lambda pair: -pair[1]
+    )
     return ", ".join(f"{joint} {100 * share:.0f} %" for joint, share in weak)
 
 
@@ -56,4 +58,6 @@ def describe_passed_stops(joints: Sequence[str], q: Array, lower: Array, upper: 
         upper: The upper stops.
     """
     shares = np.mean((q < lower) | (q > upper), axis=0).tolist()
-    return ", ".join(f"{joint} {100 * share:.2g} %" for joint, share in zip(joints, shares) if share > 0)
+    return ", ".join(
+        f"{joint} {100 * share:.2g} %" for joint, share in zip(joints, shares) if share > 0
+    )

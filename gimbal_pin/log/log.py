@@ -97,12 +97,18 @@ def find_untimely(t: Array) -> tuple[int, str, str] | None:
         before = float(t[row - 1])
         now = float(t[row])
         if now < before:
-            return row, f"time goes back from {before!r} to {now!r} s", "sort the rows, or split the file there"
+            return (
+                row,
+                f"time goes back from {before!r} to {now!r} s",
+                "sort the rows, or split the file there",
+            )
         what = f"time {now!r} s {'repeats' if now == before else 'is less than a nanosecond after'} the row before"
         return row, what, "delete one of the two rows, or write more digits"
     if t[-1] - t[0] > 1e6:  # eleven days
         row = int(np.argmax(steps)) + 1
-        what = f"time steps from {t[row - 1]:.6g} to {t[row]:.6g} s in a log of {t[-1] - t[0]:.3g} s"
+        what = (
+            f"time steps from {t[row - 1]:.6g} to {t[row]:.6g} s in a log of {t[-1] - t[0]:.3g} s"
+        )
         return row, what, "split the file there, or map t if it is not in s: --map t=COLUMN*FACTOR"
     return None
 
@@ -114,14 +120,24 @@ def freeze(array: object, shape: tuple[int | None, ...], name: str) -> Array:
     """
     if array is None or np.ma.is_masked(array):
         what = "is None" if array is None else "has masked samples"
-        raise LogError(name, what, "give every sample; leave the rows out that have none, or split the log there")
+        raise LogError(
+            name,
+            what,
+            "give every sample; leave the rows out that have none, or split the log there",
+        )
     try:
         copy = np.array(array, dtype=np.float64, copy=None if _is_immutable(array) else True)
     except (TypeError, ValueError) as error:
-        raise LogError(name, f"is no array of numbers ({error})", "give lists or arrays of numbers") from error
-    if copy.ndim != len(shape) or any(want is not None and want != have for want, have in zip(shape, copy.shape)):
         raise LogError(
-            name, f"has shape {copy.shape}, expected {shape}", "give one row per sample, one column per joint"
+            name, f"is no array of numbers ({error})", "give lists or arrays of numbers"
+        ) from error
+    if copy.ndim != len(shape) or any(
+        want is not None and want != have for want, have in zip(shape, copy.shape)
+    ):
+        raise LogError(
+            name,
+            f"has shape {copy.shape}, expected {shape}",
+            "give one row per sample, one column per joint",
         )
     copy.flags.writeable = False
     return copy
@@ -224,7 +240,9 @@ class Imu:
     @property
     def channels(self) -> dict[str, Array]:
         """The readings that there are, by name."""
-        return {name: x for name in ("gyro", "accel", "quat") if (x := getattr(self, name)) is not None}
+        return {
+            name: x for name in ("gyro", "accel", "quat") if (x := getattr(self, name)) is not None
+        }
 
     def part(self, rows: slice | NDArray[np.integer[Any]]) -> Imu:
         """Return the samples in `rows`."""
@@ -278,12 +296,18 @@ class Log(Record):
         check_type(f"{self.name}: imus", self.imus, Mapping[str, Imu] | None)
         joints = (self.joints,) if isinstance(self.joints, str) else tuple(self.joints or ())
         if len(set(joints)) < len(joints):
-            raise LogError(f"{self.name}: joints", f"are {', '.join(joints)}", "give each column a name of its own")
+            raise LogError(
+                f"{self.name}: joints",
+                f"are {', '.join(joints)}",
+                "give each column a name of its own",
+            )
         object.__setattr__(self, "joints", joints)
         object.__setattr__(self, "t", _check_channel(self.t, (None,), "t", f"{self.name}: t"))
         for name in _JOINT_CHANNELS:
             if (value := getattr(self, name)) is not None or name == "q":
-                kept = _check_channel(value, (len(self.t), len(joints)), name, f"{self.name}: {name}")
+                kept = _check_channel(
+                    value, (len(self.t), len(joints)), name, f"{self.name}: {name}"
+                )
                 object.__setattr__(self, name, kept)
         object.__setattr__(self, "imus", MappingProxyType(dict(self.imus or {})))
         object.__setattr__(self, "sources", MappingProxyType(dict(self.sources)))
@@ -299,7 +323,9 @@ class Log(Record):
 
     def __reduce__(self) -> tuple[type[Log], tuple[Any, ...]]:
         """Make it pass between processes, which read-only views of dictionaries do not."""
-        return type(self), tuple(dict(x) if isinstance(x, MappingProxyType) else x for x in vars(self).values())
+        return type(self), tuple(
+            dict(x) if isinstance(x, MappingProxyType) else x for x in vars(self).values()
+        )
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -317,7 +343,12 @@ class Log(Record):
 
         columns = log_columns(self)
         rows = np.column_stack(list(columns.values())).tolist()
-        facts = {"name": self.name, "payload": self.payload, "joints": list(self.joints), "events": list(self.events)}
+        facts = {
+            "name": self.name,
+            "payload": self.payload,
+            "joints": list(self.joints),
+            "events": list(self.events),
+        }
         return {"schema": 1, **facts, "samples": [dict(zip(columns, row)) for row in rows]}
 
     @property
@@ -354,7 +385,12 @@ class Log(Record):
     def part(self, rows: slice | NDArray[np.integer[Any]]) -> Log:
         """Return the samples in `rows` as a log of its own."""
         cut: dict[str, Any] = {name: x[rows] for name, x in self.channels.items()}
-        return replace(self, t=self.t[rows], **cut, imus={link: imu.part(rows) for link, imu in self.imus.items()})
+        return replace(
+            self,
+            t=self.t[rows],
+            **cut,
+            imus={link: imu.part(rows) for link, imu in self.imus.items()},
+        )
 
 
 def find_interval(intervals: Iterable[float]) -> float | None:

@@ -45,7 +45,9 @@ _SUM = rf"""{_BEFORE}
     (?P<sign>[+-]?)\s*
     (?:"(?P<double>[^"]+)"|'(?P<single>[^']+)'|(?P<bare>[^"'*\s](?:[^*]*?[^*\s])??))
     (?:(?P<after>{_AFTER}+)(?P<added>(?:\s*[+-]\s*{_PRODUCT})*)|(?P<addend>(?:%s)*))\s*"""
-_LONE_SUM = re.compile(_SUM % rf"\s+[+-]\s+{_PRODUCT}|\s*[+-]\s*(?:{_NUMBER}\s*[*/]\s*)*pi{_AFTER}*", re.VERBOSE)
+_LONE_SUM = re.compile(
+    _SUM % rf"\s+[+-]\s+{_PRODUCT}|\s*[+-]\s*(?:{_NUMBER}\s*[*/]\s*)*pi{_AFTER}*", re.VERBOSE
+)
 _CLOSED_SUM = re.compile(_SUM % rf"\s*[+-]\s*{_PRODUCT}", re.VERBOSE)
 
 Entries = str | Path | Sequence[str | Path] | Mapping[str, str]
@@ -85,7 +87,9 @@ class Source:
 
     def times(self, factor: float | str) -> str:
         """Return the expression of this times a number, or a product as text, such as ``pos1*0.5*pi/180``."""
-        value, rest = (self.factor, factor) if isinstance(factor, str) else (self.factor * factor, "")
+        value, rest = (
+            (self.factor, factor) if isinstance(factor, str) else (self.factor * factor, "")
+        )
         numbers = [text for text in (f"{abs(value):.12g}", rest) if text not in ("", "1")]
         text = format_expression(self.column, "-" * (value < 0) + "*".join(numbers))
         offset = self.offset * _multiply(rest, 1.0 if isinstance(factor, str) else factor)
@@ -101,14 +105,18 @@ def format_expression(column: str, factor: str) -> str:
     return f"{sign}{shown}" + (f"*{rest}" if rest else "")
 
 
-def format_remapping(sources: Mapping[str, Source], changes: Mapping[str, tuple[str, float | str]]) -> str:
+def format_remapping(
+    sources: Mapping[str, Source], changes: Mapping[str, tuple[str, float | str]]
+) -> str:
     """Return the ``--map`` entries, as a shell takes them, that mend a log read from these sources.
 
     Args:
         sources: Target → what it was read from; one that is missing bears its name in the file.
         changes: Target → (what is read as now, times which number or product), such as ``{"tau_a": ("tau_b", -1.0)}``.
     """
-    entries = (f"{to}={sources.get(of, Source(of)).times(factor)}" for to, (of, factor) in changes.items())
+    entries = (
+        f"{to}={sources.get(of, Source(of)).times(factor)}" for to, (of, factor) in changes.items()
+    )
     return " ".join(f"--map {shlex.quote(entry)}" for entry in entries)
 
 
@@ -138,17 +146,23 @@ def read_mapping(entries: Entries = ()) -> dict[str, Source]:
 def _add_table(sources: dict[str, Source], table: object, place: str) -> None:
     """Add a table of target → expression; `UsageError` if it is none."""
     if not isinstance(table, Mapping):
-        raise UsageError(place, "is no table of columns", "write one line 'q_yaw: pos1*pi/180' per column")
+        raise UsageError(
+            place, "is no table of columns", "write one line 'q_yaw: pos1*pi/180' per column"
+        )
     for target, text in table.items():
         where = f"{place}: {shortened(target, PLACE // 2)}"
         if not isinstance(text, str):
-            raise UsageError(where, f"maps to {text!r}, which is no text", "quote it: 'column*factor'")
+            raise UsageError(
+                where, f"maps to {text!r}, which is no text", "quote it: 'column*factor'"
+            )
         _add_entry(sources, target, parse_expression(text, where))
 
 
 def is_mapping_file(entry: str | Path) -> bool:
     """Whether an entry names a file: it ends in .yaml or .yml, and has no = or is there."""
-    return Path(entry).suffix.lower() in (".yaml", ".yml") and ("=" not in str(entry) or Path(entry).is_file())
+    return Path(entry).suffix.lower() in (".yaml", ".yml") and (
+        "=" not in str(entry) or Path(entry).is_file()
+    )
 
 
 def _add_entry(sources: dict[str, Source], target: str, source: Source) -> None:
@@ -169,7 +183,9 @@ def parse_entry(entry: str) -> tuple[str, Source]:
     """Return (target, source) of ``target=expression``; `UsageError` quotes an entry that is none."""
     target, equals, text = entry.partition("=")
     if not (equals and target.strip()):
-        raise UsageError(f"mapping '{entry}'", "is not of the form target=column", "write e.g. q_yaw=pos1*pi/180")
+        raise UsageError(
+            f"mapping '{entry}'", "is not of the form target=column", "write e.g. q_yaw=pos1*pi/180"
+        )
     return target.strip(), parse_expression(text, f"mapping '{entry}'")
 
 
@@ -184,19 +200,29 @@ def parse_expression(text: str, place: str) -> Source:
         raise UsageError(place, f"has {len(text)} characters", mend)
     brackets = _BRACKETS.fullmatch(text)
     is_closed = brackets is not None or '"' in text or "'" in text  # no sign belongs to the name
-    match = (_CLOSED_SUM if is_closed else _LONE_SUM).fullmatch(brackets["sum"] if brackets else text)
+    match = (_CLOSED_SUM if is_closed else _LONE_SUM).fullmatch(
+        brackets["sum"] if brackets else text
+    )
     if match is None:
         what = "is not one column times or divided by numbers and pi, plus a number"
         raise UsageError(place, what, "write e.g. pos*2*pi/4096 - pi; quote a name that holds a *")
     column = match["double"] or match["single"] or match["bare"]
     if match["bare"] and re.fullmatch(_FACTOR, column):
-        raise UsageError(place, "names no column, only numbers", f"name one, or quote it: '\"{column}\"'")
+        raise UsageError(
+            place, "names no column, only numbers", f"name one, or quote it: '\"{column}\"'"
+        )
     scale = _scale_of(brackets) if brackets else 1.0
     factor = scale * _scale_of(match)
     addends = _ADDEND.findall(match["added"] or match["addend"] or "")
-    offset = scale * sum(_multiply(number) * (-1.0 if minus == "-" else 1.0) for minus, number in addends)
+    offset = scale * sum(
+        _multiply(number) * (-1.0 if minus == "-" else 1.0) for minus, number in addends
+    )
     if factor == 0 or not math.isfinite(factor + offset):
-        raise UsageError(place, f"has the factor {factor:g} and the offset {offset:g}", "give finite numbers, no zero")
+        raise UsageError(
+            place,
+            f"has the factor {factor:g} and the offset {offset:g}",
+            "give finite numbers, no zero",
+        )
     return Source(column, factor, place, offset)
 
 
@@ -210,25 +236,41 @@ def _multiply(text: str, start: float = 1.0) -> float:
     """Return `start` times or divided by the factors in `text`, left to right; NaN after a division by zero."""
     value = start
     for operator, factor in _TERM.findall(text):
-        number = math.copysign(math.pi, -1.0 if factor[0] == "-" else 1.0) if "pi" in factor else float(factor)
+        number = (
+            math.copysign(math.pi, -1.0 if factor[0] == "-" else 1.0)
+            if "pi" in factor
+            else float(factor)
+        )
         value = value * number if operator != "/" else value / number if number else math.nan
     return value
 
 
-def list_encoder_sources(rig: Rig, sources: Mapping[str, Source] = MappingProxyType({})) -> dict[str, Source]:
+def list_encoder_sources(
+    rig: Rig, sources: Mapping[str, Source] = MappingProxyType({})
+) -> dict[str, Source]:
     """Return angle and reference column → source of the joints whose encoders do not read zero at the URDF's zero."""
-    zeros = {joint: motor.encoder_zero for joint, motor in zip(rig.joints, rig.motors) if motor.encoder_zero}
-    names = ((f"{prefix}_{joint}", zero) for joint, zero in zeros.items() for prefix in ("q", "q_ref"))
+    zeros = {
+        joint: motor.encoder_zero
+        for joint, motor in zip(rig.joints, rig.motors)
+        if motor.encoder_zero
+    }
+    names = (
+        (f"{prefix}_{joint}", zero) for joint, zero in zeros.items() for prefix in ("q", "q_ref")
+    )
     return {name: replace(sources.get(name, Source(name)), zero=zero) for name, zero in names}
 
 
-def check_targets(sources: Mapping[str, Source], known: Sequence[str], joints: Sequence[str]) -> None:
+def check_targets(
+    sources: Mapping[str, Source], known: Sequence[str], joints: Sequence[str]
+) -> None:
     """Raise `UsageError` if a mapping's target is none of the `known` columns, or if two joints share one source."""
     for target, source in sources.items():
         exchanged = not source.place and any(target.endswith(f"_{joint}") for joint in joints)
         if target not in known and not exchanged:
             mend = f"targets are t, q_<joint>, dq_, tau_, …, with the joints {', '.join(joints)}; links as in the URDF"
-            raise UsageError(source.place or "mapping", f"'{target}' is no column of this rig", mend)
+            raise UsageError(
+                source.place or "mapping", f"'{target}' is no column of this rig", mend
+            )
     for kind in ("q", "dq", "tau", "q_ref"):
         owners: dict[str, str] = {}
         for target in (f"{kind}_{joint}" for joint in joints):
@@ -237,4 +279,6 @@ def check_targets(sources: Mapping[str, Source], known: Sequence[str], joints: S
             if other != target:
                 place = source.place or sources[other].place
                 what = f"column '{source.column}' is both {other} and {target}"
-                raise UsageError(place, what, "give each joint a column of its own, or leave one of the two out")
+                raise UsageError(
+                    place, what, "give each joint a column of its own, or leave one of the two out"
+                )

@@ -74,7 +74,9 @@ class Platform:
         return Platform.turning(t, zero + np.array([roll, pitch, 0.0]), zero, zero, zero)
 
     @staticmethod
-    def turning(t: Array, angles: Array, rates: Array, accelerations: Array, acceleration: Array) -> Platform:
+    def turning(
+        t: Array, angles: Array, rates: Array, accelerations: Array, acceleration: Array
+    ) -> Platform:
         """``R = Rz Ry Rx``, ``f = Rᵀ(a - g)``, ``w = E ė``, ``dw = E ë + Ė ė``: a motion known by formula.
 
         Args:
@@ -85,7 +87,9 @@ class Platform:
             acceleration: a, of the base link's origin in the world, m/s², (N, 3).
         """
         attitude = Rotation.from_euler("xyz", angles)
-        f = np.einsum("nji,nj->ni", attitude.as_matrix(), acceleration + np.array([0.0, 0.0, GRAVITY]))
+        f = np.einsum(
+            "nji,nj->ni", attitude.as_matrix(), acceleration + np.array([0.0, 0.0, GRAVITY])
+        )
         w, dw = _body_rates(angles, rates, accelerations)
         return Platform(t, f, w, dw, attitude.as_quat(scalar_first=True))
 
@@ -100,14 +104,25 @@ class Platform:
             LogError: The IMU of `name` lacks a gyro or an accelerometer, or its samples are too few to filter.
         """
         if imu.gyro is None or imu.accel is None:
-            raise LogError(name, "holds no gyro or no accelerometer of the base", "give gyro_ and accel_ of it")
+            raise LogError(
+                name, "holds no gyro or no accelerometer of the base", "give gyro_ and accel_ of it"
+            )
         if len(t) < 8:
-            raise LogError(name, f"holds {len(t)} samples of the platform", "give a second of motion at least")
+            raise LogError(
+                name, f"holds {len(t)} samples of the platform", "give a second of motion at least"
+            )
         grid = np.linspace(t[0], t[-1], len(t))
         dt = float(grid[1] - grid[0])
         sections = signals.lowpass(cutoff, 1 / dt)
-        f, w = (signals.zero_phase(signals.resample(t, x, grid), sections) for x in (imu.accel, imu.gyro))
-        start = _level_attitude(f[grid < grid[0] + 1.0].mean(axis=0)) if imu.quat is None else imu.quat[0]
+        f, w = (
+            signals.zero_phase(signals.resample(t, x, grid), sections)
+            for x in (imu.accel, imu.gyro)
+        )
+        start = (
+            _level_attitude(f[grid < grid[0] + 1.0].mean(axis=0))
+            if imu.quat is None
+            else imu.quat[0]
+        )
         return Platform(grid, f, w, signals.differentiate(w, dt), integrate_attitude(w, dt, start))
 
     def part(self, rows: slice) -> Platform:
@@ -183,7 +198,11 @@ def _body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Arra
     dy = ddpitch
     dz = ddyaw * cp - dyaw * dpitch * sp
     w = [droll - dyaw * sp, y * cr + z * sr, z * cr - y * sr]
-    dw = [ddroll - ddyaw * sp - dyaw * dpitch * cp, dy * cr + dz * sr + droll * w[2], dz * cr - dy * sr - droll * w[1]]
+    dw = [
+        ddroll - ddyaw * sp - dyaw * dpitch * cp,
+        dy * cr + dz * sr + droll * w[2],
+        dz * cr - dy * sr - droll * w[1],
+    ]
     return np.stack(w, axis=1), np.stack(dw, axis=1)
 
 

@@ -43,7 +43,11 @@ ATTITUDE = (
     make_propeller_band(140.0, radians(0.0014)),
 )
 """Roll, pitch and yaw of profile S, rad."""
-ACCELERATION = (Band(0.2, 2.0, 1.0, 20), make_propeller_band(75.0, 1.0), make_propeller_band(140.0, 0.5))
+ACCELERATION = (
+    Band(0.2, 2.0, 1.0, 20),
+    make_propeller_band(75.0, 1.0),
+    make_propeller_band(140.0, 0.5),
+)
 """Acceleration in the world of profile S, m/s²."""
 
 
@@ -57,11 +61,15 @@ def profile_s(t: Array, rng: Rng = None, size: float = 1.0) -> Platform:
     generator, seed = make_generator(rng)
     angles, rates, accelerations = sum_bands(ATTITUDE, t, generator, 2)
     (acceleration,) = sum_bands(ACCELERATION, t, generator, 0)
-    drawn = Platform.turning(t, size * angles, size * rates, size * accelerations, size * acceleration)
+    drawn = Platform.turning(
+        t, size * angles, size * rates, size * accelerations, size * acceleration
+    )
     return replace(drawn, seed=seed)
 
 
-def sum_bands(bands: Sequence[Band], t: Array, rng: np.random.Generator, derivatives: int) -> tuple[Array, ...]:
+def sum_bands(
+    bands: Sequence[Band], t: Array, rng: np.random.Generator, derivatives: int
+) -> tuple[Array, ...]:
     """Return the bands' sum on three axes and so many of its derivatives (0 or 2), (N, 3) each."""
     out = tuple(np.zeros((len(t), 3)) for _ in range(derivatives + 1))
     for axis in range(3):

@@ -68,7 +68,11 @@ def resample(t: Array, signal: Array, grid: Array) -> Array:
     start = signal[left]
     end = signal[left + 1]
     rise = (3 - 2 * s) * s * s
-    return start + rise * (end - start) + width * s * (1 - s) * ((1 - s) * slope[left] - s * slope[left + 1])
+    return (
+        start
+        + rise * (end - start)
+        + width * s * (1 - s) * ((1 - s) * slope[left] - s * slope[left + 1])
+    )
 
 
 def noise_std(signal: Array) -> Array:
@@ -77,7 +81,11 @@ def noise_std(signal: Array) -> Array:
     Third differences remove anything smooth at the sampling rate and multiply white noise by √20. The largest two
     per cent are left out: they hold the few samples where the signal itself is not smooth.
     """
-    return _estimate_spread(np.diff(signal, 3, axis=0)) if len(signal) >= 8 else np.zeros(signal.shape[1:])
+    return (
+        _estimate_spread(np.diff(signal, 3, axis=0))
+        if len(signal) >= 8
+        else np.zeros(signal.shape[1:])
+    )
 
 
 def jumping_noise_std(signal: Array) -> Array:

@@ -48,7 +48,9 @@ def unbalance_payload(rig: Rig, off: float = OFF) -> Rig:
     return PayloadShift(*(frame.rotation.T @ change).tolist()).apply(rig)
 
 
-def draw_profile(rig: Rig, seconds: float, seed: int, dt: float = 0.001, size: float = 1.0) -> Platform:
+def draw_profile(
+    rig: Rig, seconds: float, seed: int, dt: float = 0.001, size: float = 1.0
+) -> Platform:
     """Return profile S about the point where a rig's axes meet, sampled at half the control interval.
 
     A profile says how a platform turns and shakes, not about which point. About a base link 0.4 m from the axes its
@@ -76,11 +78,24 @@ def simulate_shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: flo
     rig = plant.rig
     rng = np.random.default_rng(LEARNED)
     ground = draw_profile(rig, seconds, LEARNED, size=HALF)
-    return bench_run(plant, rng=rng, seconds=seconds, platform=ground, imus=rig.config.imus, drive=drive, name="shaken")
+    return bench_run(
+        plant,
+        rng=rng,
+        seconds=seconds,
+        platform=ground,
+        imus=rig.config.imus,
+        drive=drive,
+        name="shaken",
+    )
 
 
 def learn_recipe(
-    rig: Rig, log: Log | None, station: Station, model: Model | None = None, wanted: Array = WANTED, delay: int = 1
+    rig: Rig,
+    log: Log | None,
+    station: Station,
+    model: Model | None = None,
+    wanted: Array = WANTED,
+    delay: int = 1,
 ) -> Recipe:
     """Return what controllers are made of: a model, and how the platform moves, by its base's IMU if it has one.
 
@@ -97,13 +112,19 @@ def learn_recipe(
         name = "profile S"
     else:
         log = log.ordered(rig)
-        t, imu = (log.t - log.t[0], log.imus[rig.base]) if rig.base in log.imus else rehearse_platform(rig)
+        t, imu = (
+            (log.t - log.t[0], log.imus[rig.base])
+            if rig.base in log.imus
+            else rehearse_platform(rig)
+        )
         model = model or identify(rig, [log], holdout="none", examined="never").model
         name = log.name
     assert model is not None, "without a log the model is given"
     spectrum = Spectrum.of(imu, float(np.median(np.diff(t))), name)
     trusted = find_trusted_joints(model, wanted, Platform.measured(t, imu, name))
-    return Recipe(model, wanted, spectrum, station.noise, float(station.step.max()), trusted, delay=delay)
+    return Recipe(
+        model, wanted, spectrum, station.noise, float(station.step.max()), trusted, delay=delay
+    )
 
 
 def rehearse_platform(rig: Rig) -> tuple[Array, Imu]:
@@ -114,4 +135,6 @@ def rehearse_platform(rig: Rig) -> tuple[Array, Imu]:
     dt = 0.001
     motion = draw_profile(rig, REHEARSAL, LEARNED, dt, HALF)
     own = Imu(motion.w[::2], motion.f[::2], None if motion.quat is None else motion.quat[::2])
-    return motion.t[::2], add_imu_noise(own, Noise(GYRO, ACCELEROMETER), dt, np.random.default_rng(LEARNED))
+    return motion.t[::2], add_imu_noise(
+        own, Noise(GYRO, ACCELEROMETER), dt, np.random.default_rng(LEARNED)
+    )

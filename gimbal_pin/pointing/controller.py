@@ -69,10 +69,14 @@ class Controller:
         law = recipe.law
         if isinstance(law, JointPid):
             raise UsageError(
-                "controller", "is a PID", "tune one of computed torque: gimbal-pin tune --kind computed-torque"
+                "controller",
+                "is a PID",
+                "tune one of computed torque: gimbal-pin tune --kind computed-torque",
             )
         if law is not None and law.dt != recipe.dt:
-            raise UsageError("controller", f"steps every {law.dt:g} s", f"tune one with --dt {recipe.dt:g}")
+            raise UsageError(
+                "controller", f"steps every {law.dt:g} s", f"tune one with --dt {recipe.dt:g}"
+            )
         convert_value(int, recipe.delay, "delay", UsageError, (0, 50))
         rotation(recipe.wanted, "wanted", UsageError)
         if reason := unable(rig, recipe.wanted):
@@ -116,7 +120,11 @@ class Controller:
         station = Station(Sensors.of(rig, DT).encoder_step, own)
         sight = Sight(rig)
         kept = sight.attitude(sight.home) if wanted is None else wanted
-        model, law, usual = (None, None, 1) if tuned is None else (tuned.model, tuned.law, tuned.wish.holding_samples)
+        model, law, usual = (
+            (None, None, 1)
+            if tuned is None
+            else (tuned.model, tuned.law, tuned.wish.holding_samples)
+        )
         recipe = learn_recipe(rig, log, station, model, kept, usual if delay is None else delay)
         return Controller(replace(recipe, law=law), wanted is None)
 
@@ -142,7 +150,11 @@ class Controller:
             UsageError: As `step` does, or the attitude is no rotation matrix.
         """
         self.check(measurement)
-        base = leveled(measurement.f) if platform is None else rotation(platform, "platform", UsageError)
+        base = (
+            leveled(measurement.f)
+            if platform is None
+            else rotation(platform, "platform", UsageError)
+        )
         q = measurement.q if np.isfinite(measurement.q).all() else np.zeros(len(measurement.q))
         camera = base @ self.pointer.navigator.sight.attitude(q)
         begun = self.pointer.start(measurement, camera, base)
@@ -151,7 +163,9 @@ class Controller:
         if self.keeps:
             return self.hold()
         if why := self.obstacle(begun.known, base):
-            self.memory = self.hold()._replace(noted=(f"{measurement.t:.3f} s: held where it looks: {why}",))
+            self.memory = self.hold()._replace(
+                noted=(f"{measurement.t:.3f} s: held where it looks: {why}",)
+            )
         return self.memory
 
     def obstacle(self, known: Known, base: Array) -> str | None:
@@ -191,7 +205,9 @@ class Controller:
     def begun(self) -> Held:
         """Return the memory; raise `UsageError` before the first measurement."""
         if self.memory is None:
-            raise UsageError("controller", "has seen no measurement yet", "call start or step first")
+            raise UsageError(
+                "controller", "has seen no measurement yet", "call start or step first"
+            )
         return self.memory
 
     def step(self, measurement: Measurement) -> Array:
@@ -208,13 +224,25 @@ class Controller:
     def check(self, measurement: Measurement) -> None:
         """Raise `UsageError` unless types and shapes are those of this rig's measurements."""
         if not isinstance(measurement, Measurement) or not isinstance(measurement.t, Real):
-            raise UsageError("measurement", "is none, or its time no number", "give Measurement(t, q, gyro, w, f)")
+            raise UsageError(
+                "measurement",
+                "is none, or its time no number",
+                "give Measurement(t, q, gyro, w, f)",
+            )
         for name, values, shape in zip(Measurement._fields[1:], measurement[1:], self.shapes):
-            own = values.shape if isinstance(values, np.ndarray) and values.dtype.kind in "fiu" else None
+            own = (
+                values.shape
+                if isinstance(values, np.ndarray) and values.dtype.kind in "fiu"
+                else None
+            )
             if own != shape:
                 what = f"is of the shape {own}" if own else "is no numpy array of numbers"
                 links = ", ".join(gyros_between(self.recipe.model.rig)) if name == "links" else ""
-                of = f": the rates of the gyros on {links}, rad/s, each in its link's frame" if links else ""
+                of = (
+                    f": the rates of the gyros on {links}, rad/s, each in its link's frame"
+                    if links
+                    else ""
+                )
                 raise UsageError(f"measurement: {name}", what, f"give an array of {shape[0]}{of}")
 
     def save(self, path: str | Path) -> None:
@@ -260,22 +288,38 @@ class Controller:
         with prefix_place(place, ModelError):
             stored = read_record(Stored, data, place, ModelError, others=True)
             if stored.schema != 1:
-                raise ModelError(f"{place}: schema", f"is {stored.schema}", "write it with this version, which reads 1")
+                raise ModelError(
+                    f"{place}: schema",
+                    f"is {stored.schema}",
+                    "write it with this version, which reads 1",
+                )
             if (stored.rig, stored.payload, stored.joints) != (rig.name, rig.payload, rig.joints):
                 joints = ", ".join(stored.joints)
                 what = f"is of {stored.rig} with {stored.payload or 'no payload'} and the joints {joints}"
                 raise ModelError(place, what, f"learn one for {rig.title}")
             if len(stored.trusted) not in (0, rig.n):
-                raise ModelError(f"{place}: trusted", "is not one value per joint", "write it with Controller.save")
+                raise ModelError(
+                    f"{place}: trusted",
+                    "is not one value per joint",
+                    "write it with Controller.save",
+                )
             sight = Sight(rig)
             wanted = stored.wanted
-            kept = sight.attitude(sight.home) if wanted is None else rotation(wanted, f"{place}: wanted", ModelError)
+            kept = (
+                sight.attitude(sight.home)
+                if wanted is None
+                else rotation(wanted, f"{place}: wanted", ModelError)
+            )
             model = read_model_data(stored.model, rig, f"{place}: model")
             law = None
             if stored.gains is not None:
                 gains = tuple(Pid(*each) for each in stored.gains)
                 if len(gains) != rig.n:
-                    raise ModelError(f"{place}: gains", "are not one row per joint", "write it with Controller.save")
+                    raise ModelError(
+                        f"{place}: gains",
+                        "are not one row per joint",
+                        "write it with Controller.save",
+                    )
                 term = stored.robust
                 robust = None if term is None else read_robust_term(term, gains, f"{place}: robust")
                 law = ComputedTorque(model, gains, stored.dt, robust=robust)
@@ -308,9 +352,13 @@ class StoredSpectrum:
     def spectrum(self, place: str) -> Spectrum:
         """Return it; `ModelError` if its two densities are of different lengths or too short."""
         if not 2 < len(self.rate) == len(self.force) <= 100_000:
-            raise ModelError(place, "needs as many values of rate as of force", "write it with Controller.save")
+            raise ModelError(
+                place, "needs as many values of rate as of force", "write it with Controller.save"
+            )
         f = self.f * np.arange(len(self.rate))
-        return Spectrum(f, np.array(self.rate), np.array(self.force), self.rate_noise, self.force_noise)
+        return Spectrum(
+            f, np.array(self.rate), np.array(self.force), self.rate_noise, self.force_noise
+        )
 
 
 @dataclass(frozen=True)

@@ -60,10 +60,16 @@ class Spectrum:
             LogError: The IMU has no gyro or no accelerometer, or its readings are too short for the resolution.
         """
         if imu.gyro is None or imu.accel is None:
-            raise LogError(name, "holds no gyro or no accelerometer of the base", "give gyro_ and accel_ of it")
+            raise LogError(
+                name, "holds no gyro or no accelerometer of the base", "give gyro_ and accel_ of it"
+            )
         width = round(1 / RESOLUTION / dt)
         if len(imu.gyro) < 2 * width:
-            raise LogError(name, f"holds {len(imu.gyro) * dt:.3g} s of the platform", f"give {2 / RESOLUTION:g} s")
+            raise LogError(
+                name,
+                f"holds {len(imu.gyro) * dt:.3g} s of the platform",
+                f"give {2 / RESOLUTION:g} s",
+            )
         f, rate = welch(imu.gyro, 1 / dt, nperseg=width, axis=0, detrend=False)
         _, force = welch(imu.accel, 1 / dt, nperseg=width, axis=0, detrend=False)
         return Spectrum.of_powers(f, np.stack([rate.mean(axis=1), force.mean(axis=1)]))
@@ -214,7 +220,9 @@ class Forecast:
     def row(self, known: Spectrum, i: int) -> Array:
         """Row i of the filters for a spectrum up to half the sampling rate, (TAPS,)."""
         lead, which = divmod(i, 3)
-        power, noise = (known.force, known.force_noise) if which == 2 else (known.rate, known.rate_noise)
+        power, noise = (
+            (known.force, known.force_noise) if which == 2 else (known.rate, known.rate_noise)
+        )
         weight = passing(self.gains[lead], known.f)
         s = 2j * np.pi * known.f
         column = waves(weight * (power + noise))
@@ -250,7 +258,9 @@ class Forecast:
         none = self.held(taps)
         weights = self.weights if self.foresees else ()
         due = (np.stack([none[3:], none[3:]]),) * self.due
-        return Past(taps, weights, (none,) * len(self.leads), due, np.zeros((2, 6)), np.zeros((2, 4)))
+        return Past(
+            taps, weights, (none,) * len(self.leads), due, np.zeros((2, 6)), np.zeros((2, 4))
+        )
 
     def step(self, past: Past, t: float, w: Array, f: Array) -> Past:
         """Memory with the next sample, at time t, s."""
@@ -266,7 +276,9 @@ class Forecast:
         if trust == (0.0 if used else 1.0) and past.samples * self.dt > SETTLED:
             used = not used
             said = (
-                "the forecast errs less than none again" if used else "the forecast errs more than none: none is used"
+                "the forecast errs less than none again"
+                if used
+                else "the forecast errs more than none: none is used"
             )
             events = (*events, f"{t:.3f} s: {said}")[:MOST]
         after = past._replace(
@@ -275,7 +287,9 @@ class Forecast:
         )  # fmt: skip
         return self.learned(after) if self.learns else after
 
-    def compared(self, past: Past, none: Array, far: Array) -> tuple[tuple[Array, ...], Array, Array, float]:
+    def compared(
+        self, past: Past, none: Array, far: Array
+    ) -> tuple[tuple[Array, ...], Array, Array, float]:
         """Judge what comes due; return what is to come, slow errors, mean squares, and trust."""
         slow, mean = self.shares
         errors = past.due[0] - none
@@ -284,7 +298,11 @@ class Forecast:
         scores = past.scores + mean * ((both * both).dot(THREES) - past.scores)
         foreseen, held = scores.tolist()
         better = all(map(lt, foreseen, held))
-        trust = min(1.0, past.trust + self.dt / RISE) if better else max(0.0, past.trust - self.dt / FALL)
+        trust = (
+            min(1.0, past.trust + self.dt / RISE)
+            if better
+            else max(0.0, past.trust - self.dt / FALL)
+        )
         return (*past.due[1:], np.array([far, none])), smooth, scores, trust
 
     def learned(self, past: Past) -> Past:
@@ -305,7 +323,9 @@ class Forecast:
         if sample == 1:
             return past._replace(spectrum=self.known(past))
         before, seen = (0.0, 0) if past.power is None else past.power
-        power = before + (measure_powers(np.concatenate(past.blocks), self.dt) - before) / min(seen + 1, SPECTRA)
+        power = before + (measure_powers(np.concatenate(past.blocks), self.dt) - before) / min(
+            seen + 1, SPECTRA
+        )
         return past._replace(power=(power, seen + 1))
 
     def known(self, past: Past) -> Spectrum:

@@ -80,7 +80,9 @@ class Watch(NamedTuple):
     @property
     def lost(self) -> frozenset[str]:
         """Channels that are given up."""
-        return frozenset(name for name, healthy in zip(CHANNELS, self.healthy) if healthy is not None)
+        return frozenset(
+            name for name, healthy in zip(CHANNELS, self.healthy) if healthy is not None
+        )
 
     @property
     def calm(self) -> bool:
@@ -126,14 +128,28 @@ class Guard:
 
     def start(self, seen: Measurement) -> Watch:
         """Memory at the first sample; readings that fail there count as zero."""
-        zero = {name: np.zeros_like(getattr(seen, name)) for name in CHANNELS if not self.plausible(name, seen)}
+        zero = {
+            name: np.zeros_like(getattr(seen, name))
+            for name in CHANNELS
+            if not self.plausible(name, seen)
+        }
         good = seen._replace(t=seen.t - self.dt, **zero)
         still = np.zeros(len(seen.q))
         return Watch(
-            seen, good, good, NONE, NONE, KEPT, still, still, tuple([self.first * most for most in self.least])
+            seen,
+            good,
+            good,
+            NONE,
+            NONE,
+            KEPT,
+            still,
+            still,
+            tuple([self.first * most for most in self.least]),
         )
 
-    def step(self, seen: Measurement, watch: Watch, v: Array, steep: bool = False) -> tuple[Measurement, Watch]:
+    def step(
+        self, seen: Measurement, watch: Watch, v: Array, steep: bool = False
+    ) -> tuple[Measurement, Watch]:
         """Return the sample as it may be used, and the next memory.
 
         Args:
@@ -150,7 +166,19 @@ class Guard:
         if watch.calm and all(steady) and self.sound(seen, watch.raw, moved):
             good = seen if t == seen.t else Measurement(t, *seen[1:])
             swings = self.swung(watch.swings, changes)
-            return good, Watch(seen, good, watch.good, NONE, NONE, KEPT, moved, v, swings, watch.clock, watch.events)
+            return good, Watch(
+                seen,
+                good,
+                watch.good,
+                NONE,
+                NONE,
+                KEPT,
+                moved,
+                v,
+                swings,
+                watch.clock,
+                watch.events,
+            )
         return self.sifted(t, seen, watch, v, moved)
 
     def changes(self, t: float, seen: Measurement, good: Measurement) -> list[float]:
@@ -195,7 +223,9 @@ class Guard:
         share = min(1.0, elapsed / SMOOTHING)
         return np.asarray(watch.rates + share * ((good.q - watch.good.q) / elapsed - watch.rates))
 
-    def sifted(self, t: float, seen: Measurement, watch: Watch, v: Array, moved: Array) -> tuple[Measurement, Watch]:
+    def sifted(
+        self, t: float, seen: Measurement, watch: Watch, v: Array, moved: Array
+    ) -> tuple[Measurement, Watch]:
         """Look at every channel by itself."""
         elapsed = t - watch.good.t
         replaced = {}
@@ -221,13 +251,17 @@ class Guard:
                 changes[i] = 0.0
                 replaced[name] = getattr(watch.good, name)
                 if name == "q":
-                    replaced[name] = replaced[name] + np.where((moved != 0) & (failing[i] == 1), moved, elapsed * v)
+                    replaced[name] = replaced[name] + np.where(
+                        (moved != 0) & (failing[i] == 1), moved, elapsed * v
+                    )
             healthy[i], watch = self.judged(t, name, failing[i], healthy[i], watch)
         good = seen._replace(t=t, **replaced)
         rates = self.smoothed(good, watch)
         counts = (tuple(failing), tuple(repeating), tuple(healthy))
         swings = self.swung(watch.swings, changes)
-        return good, Watch(seen, good, watch.good, *counts, moved, rates, swings, watch.clock, watch.events)
+        return good, Watch(
+            seen, good, watch.good, *counts, moved, rates, swings, watch.clock, watch.events
+        )
 
     def timed(self, stamp: float, watch: Watch) -> tuple[float, Watch]:
         """Return an even time for a stamp, s: a gap is real, a jump is the clock's."""
@@ -239,7 +273,9 @@ class Guard:
             return t, watch._replace(clock=clock).with_event(said)
         if elapsed > 1.5 * self.dt:
             lost = round(elapsed / self.dt) - 1
-            watch = watch.with_event(f"{watch.good.t + elapsed:.3f} s: {lost} sample{'s' * (lost > 1)} never came")
+            watch = watch.with_event(
+                f"{watch.good.t + elapsed:.3f} s: {lost} sample{'s' * (lost > 1)} never came"
+            )
         return stamp + watch.clock, watch
 
     def plausible(self, name: str, seen: Measurement) -> bool:
@@ -247,11 +283,15 @@ class Guard:
         most = MOST_OF.get(name, FASTEST)
         return all(-most < value < most for value in getattr(seen, name).tolist())
 
-    def judged(self, t: float, name: str, failing: int, healthy: int | None, watch: Watch) -> tuple[int | None, Watch]:
+    def judged(
+        self, t: float, name: str, failing: int, healthy: int | None, watch: Watch
+    ) -> tuple[int | None, Watch]:
         """Return for how long a lost channel has been good, None if it is not lost, and the memory."""
         if healthy is None:
             if failing == 1:
-                watch = watch.with_event(f"{t:.3f} s: {NAMES[name]} failed, the last reading is held")
+                watch = watch.with_event(
+                    f"{t:.3f} s: {NAMES[name]} failed, the last reading is held"
+                )
             if failing > HELD:
                 return 0, watch.with_event(f"{t:.3f} s: {NAMES[name]} given up: {FALLBACK[name]}")
             return None, watch

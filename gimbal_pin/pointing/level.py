@@ -50,7 +50,9 @@ class Level:
 
     def start(self, sure: bool) -> Upright:
         """Memory of a world that is level as it is known to be, or as one sample had it, which is not sure."""
-        return Upright(0, np.tile([0.0, 0.0, 9.81], (3, 1)), np.eye(3), self.span if sure else self.eased)
+        return Upright(
+            0, np.tile([0.0, 0.0, 9.81], (3, 1)), np.eye(3), self.span if sure else self.eased
+        )
 
     def step(self, memory: Upright, f: Array) -> Upright:
         """Memory with a specific force in the gyros' world, m/s², (3,)."""
@@ -61,7 +63,9 @@ class Level:
         part = min(count * self.dt / memory.eased, 1.0)
         tilt = (part * part * (3 - 2 * part)) ** 2 * atan2(hypot(x, y), z)
         aside = max(hypot(x, y), 1e-12)
-        return Upright(count, means, pin.exp3(tilt * np.array([y / aside, -x / aside, 0.0])), memory.eased)
+        return Upright(
+            count, means, pin.exp3(tilt * np.array([y / aside, -x / aside, 0.0])), memory.eased
+        )
 
 
 def leveled(f: Array) -> Array:

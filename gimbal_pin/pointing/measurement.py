@@ -69,8 +69,14 @@ class Station:
 
     def draws(self, samples: int, links: int, dt: float, rng: np.random.Generator) -> Array:
         """Noise of camera gyro, platform gyro, accelerometer and links' gyros, rad/s, m/s², (samples, 3 + links, 3)."""
-        densities = [self.noise.gyro, self.noise.gyro, self.noise.accelerometer] + [self.noise.gyro] * links
-        return np.array(densities)[:, None] / np.sqrt(2 * dt) * rng.standard_normal((samples, 3 + links, 3))
+        densities = [self.noise.gyro, self.noise.gyro, self.noise.accelerometer] + [
+            self.noise.gyro
+        ] * links
+        return (
+            np.array(densities)[:, None]
+            / np.sqrt(2 * dt)
+            * rng.standard_normal((samples, 3 + links, 3))
+        )
 
     def angles(self, q: Array) -> Array:
         """The angles as the encoders report them, rad, (n,)."""

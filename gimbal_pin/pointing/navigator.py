@@ -124,7 +124,9 @@ class Fusion:
         if max(map(abs, (gaps - slow).ravel().tolist())) > self.bound:
             return memory._replace(rate=np.zeros(3), ended=True)
         turn = np.add.reduce(gaps) / (len(gaps) + 1)
-        return Fused(memory.attitudes, memory.rates, gaps, turn, (turn - memory.turn) / self.dt, slow)
+        return Fused(
+            memory.attitudes, memory.rates, gaps, turn, (turn - memory.turn) / self.dt, slow
+        )
 
 
 class Known(NamedTuple):
@@ -209,7 +211,9 @@ class Navigator:
         fused = None if self.fusion is None else begun(base, self.sight.between(seen.q), seen)
         past = self.forecast.start(seen.w, seen.f)
         upright = None if self.level is None else self.level.start(sure=True)
-        known = Known(camera, seen.gyro, past, seen.t, np.zeros(len(seen.q)), self.wanted, fused, (), upright)
+        known = Known(
+            camera, seen.gyro, past, seen.t, np.zeros(len(seen.q)), self.wanted, fused, (), upright
+        )
         return self.hold(known, seen.q, base, self.wanted)
 
     def camera(self, known: Known, q: Array) -> Array:
@@ -222,7 +226,9 @@ class Navigator:
 
         q are the angles at the last sample, rad, (n,), and base the base link's attitude in the world, (3, 3).
         """
-        turns = tuple([turn.stopped(known.t) for turn in known.turns if turn.begun <= known.t < turn.end])
+        turns = tuple(
+            [turn.stopped(known.t) for turn in known.turns if turn.begun <= known.t < turn.end]
+        )
         t = known.t
         for turn in turns:
             q = self.sight.reached(base, turn.base @ self.sight.attitude(turn.goal), q)
@@ -234,7 +240,9 @@ class Navigator:
         """Where the camera should look at a time while it turns; None while it is kept as wanted."""
         return next((turn.gaze(t, self.sight) for turn in known.turns if t < turn.end), None)
 
-    def fix(self, seen: Measurement, known: Known, doubtful: frozenset[str] = frozenset()) -> tuple[Fix, Known]:
+    def fix(
+        self, seen: Measurement, known: Known, doubtful: frozenset[str] = frozenset()
+    ) -> tuple[Fix, Known]:
         """Return where the joints are and should be, and the next memory; `doubtful` sensors are not fused.
 
         The Jacobian is that of the first moment ahead, which errors do not mind: it is worked out but once.
@@ -249,11 +257,15 @@ class Navigator:
         R, actual, rate, fused = self.attitude(R, seen, known.fused, elapsed, doubtful)
         upright = known.upright
         if self.level is not None and upright is not None:
-            upright = self.level.step(upright, actual.dot(self.sight.attitude(seen.q).T.dot(seen.f)))
+            upright = self.level.step(
+                upright, actual.dot(self.sight.attitude(seen.q).T.dot(seen.f))
+            )
             actual = upright.turn.dot(actual)
         gaze = self.gaze(known, seen.t)
         past = self.forecast.step(known.past, seen.t, seen.w, seen.f)
-        after = Known(R, seen.gyro, past, seen.t, v, known.wanted, fused, known.turns if gaze else (), upright)
+        after = Known(
+            R, seen.gyro, past, seen.t, v, known.wanted, fused, known.turns if gaze else (), upright
+        )
         error = against.dot(log3((known.wanted if gaze is None else gaze.R).T.dot(actual)))
         ahead = self.ahead(seen, view, after)
         wished = carries + rate if gaze is None else carries + rate - gaze.w
@@ -261,7 +273,12 @@ class Navigator:
         return Fix(seen.q, v, aim, view.steep), after
 
     def attitude(
-        self, R: Array, seen: Measurement, fused: Fused | None, elapsed: float, doubtful: frozenset[str]
+        self,
+        R: Array,
+        seen: Measurement,
+        fused: Fused | None,
+        elapsed: float,
+        doubtful: frozenset[str],
     ) -> tuple[Array, Array, Array | float, Fused | None]:
         """Return what is integrated on, the camera's attitude, what to add to its rate, and fusion's memory.
 

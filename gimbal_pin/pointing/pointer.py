@@ -109,7 +109,9 @@ class Pointer:
         lost = watch.lost
         doubtful = watch.doubtful
         if "gyro" in lost:
-            base = np.zeros(3) if "w" in lost else seen.w  # without the platform's gyro it counts as standing
+            base = (
+                np.zeros(3) if "w" in lost else seen.w
+            )  # without the platform's gyro it counts as standing
             seen = seen._replace(gyro=self.navigator.sight.rate(seen.q, watch.rates, base))
         fix, known = self.navigator.fix(seen, memory.known, doubtful)
         back = bool(lost - {"q", "links"})
@@ -125,23 +127,37 @@ class Pointer:
         after = Held(known, own, back, tau, watch, limited, steep, noted=memory.noted)
         return self.checked(seen.t, tau, fix, memory, after)
 
-    def checked(self, t: float, tau: Array, fix: Fix, before: Held, after: Held) -> tuple[Array, Held]:
+    def checked(
+        self, t: float, tau: Array, fix: Fix, before: Held, after: Held
+    ) -> tuple[Array, Held]:
         """Return torque and memory, with what there is to tell; a torque that is no number becomes none."""
         sizes = [abs(torque) for torque in tau.tolist()]
         # A law clips, and clipping may make a limit of what is no number: so what went in is looked at, too.
         finite = isfinite(sum(sizes) + fix.aim.q.dot(fix.aim.a))
         at_limit = list(map(ge, sizes, self.limits))
         ended = after.known.ended and not before.known.ended
-        if finite and not any(at_limit) and not before.limited and fix.steep == before.steep and not ended:
+        if (
+            finite
+            and not any(at_limit)
+            and not before.limited
+            and fix.steep == before.steep
+            and not ended
+        ):
             return tau, after
         events = list(after.noted)
         if ended:
-            events.append(f"{t:.3f} s: the gyros differ by more than their noise, the camera's own is used alone")
+            events.append(
+                f"{t:.3f} s: the gyros differ by more than their noise, the camera's own is used alone"
+            )
         if not finite:
             events.append(f"{t:.3f} s: the law gave no number, no torque")
             tau = np.zeros_like(tau)
             after = after._replace(
-                law=self.law.start(), fallback=False, tau=tau, unanswered=before.unanswered + 1, noted=tuple(events)
+                law=self.law.start(),
+                fallback=False,
+                tau=tau,
+                unanswered=before.unanswered + 1,
+                noted=tuple(events),
             )
             if after.unanswered >= HELD and not {"q", "gyro"} & after.watch.doubtful:
                 return tau, self.restarted(after)
@@ -160,8 +176,13 @@ class Pointer:
         watch = held.watch
         last = held.watch.good
         base = wanted @ self.navigator.sight.attitude(last.q).T
-        begun = self.start(last._replace(t=last.t + self.dt), wanted, base)  # of the sample to come, as a start is
-        noted = (*held.noted, f"{last.t:.3f} s: everything begins anew, the camera is held where it looks")
+        begun = self.start(
+            last._replace(t=last.t + self.dt), wanted, base
+        )  # of the sample to come, as a start is
+        noted = (
+            *held.noted,
+            f"{last.t:.3f} s: everything begins anew, the camera is held where it looks",
+        )
         own = begun.watch._replace(clock=watch.clock, events=watch.events)
         return begun._replace(watch=own, noted=noted[-LIMITED:])
 
@@ -177,4 +198,8 @@ def taken_over(law: JointPid, fix: Fix, tau: Array) -> LawMemory:
     error = fix.aim.q - fix.q
     rate = fix.aim.v - fix.v
     rows = zip(law.gains, law.inertia, error.tolist(), rate.tolist(), tau.tolist())
-    return LawMemory(tuple((u / m - g.kp * e - g.kd * r) / g.ki if g.integrates else 0.0 for g, m, e, r, u in rows))
+    return LawMemory(
+        tuple(
+            (u / m - g.kp * e - g.kd * r) / g.ki if g.integrates else 0.0 for g, m, e, r, u in rows
+        )
+    )

@@ -13,7 +13,12 @@ from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, Pid
 from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.carried import CarriedTorque
 from gimbal_pin.control.laws.design import small_error_gains
-from gimbal_pin.control.laws.equal_margin import OUTER_DAMPING, OUTER_INTEGRAL, EqualMarginLoop, bandwidth
+from gimbal_pin.control.laws.equal_margin import (
+    OUTER_DAMPING,
+    OUTER_INTEGRAL,
+    EqualMarginLoop,
+    bandwidth,
+)
 from gimbal_pin.control.laws.uncertainty import columns, compute_inertia, estimate
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.errors import UsageError
@@ -71,7 +76,10 @@ class Recipe:
     @cached_property
     def equals(self) -> tuple[EqualMarginLoop, ...]:
         """Per joint its loops of one disk margin; joints whose drives are alike share them."""
-        made = {drive: EqualMarginLoop(self.dt, self.delay * self.dt, drive) for drive in self.model.drives}
+        made = {
+            drive: EqualMarginLoop(self.dt, self.delay * self.dt, drive)
+            for drive in self.model.drives
+        }
         return tuple(made[drive] for drive in self.model.drives)
 
     @property
@@ -83,7 +91,9 @@ class Recipe:
         """Return the margins of a controller's loops, joint by joint, with the drives that the model knows."""
         gains = tuple(own.pid for own in self.equals)
         if self.law is not None and name == self.kind:
-            gains = small_error_gains(self.law.gains, self.law.robust if isinstance(self.law, ComputedTorque) else None)
+            gains = small_error_gains(
+                self.law.gains, self.law.robust if isinstance(self.law, ComputedTorque) else None
+            )
         return tuple(equal.of(pid) for equal, pid in zip(self.equals, gains))
 
     def navigator(self, gains: tuple[Pid, ...], foresees: bool) -> Navigator:
@@ -93,7 +103,10 @@ class Recipe:
         """
         late = self.model.late(self.dt)
         distinct = sorted(set(late))
-        slowest = [min((pid for pid, x in zip(gains, late) if x == own), key=lambda pid: pid.kp) for own in distinct]
+        slowest = [
+            min((pid for pid, x in zip(gains, late) if x == own), key=lambda pid: pid.kp)
+            for own in distinct
+        ]
         leads = tuple((self.delay + 0.5) * self.dt + own if foresees else 0.0 for own in distinct)
         fusion = Fusion(self.noise.gyro, self.step, self.dt) if foresees else None
         forecast = Forecast(self.spectrum, tuple(slowest), self.dt, leads, self.learns)
@@ -116,12 +129,17 @@ class Recipe:
             robust = law.robust if isinstance(law, ComputedTorque) else None
             own = CarriedTorque(self.model, gains, self.dt, robust=robust, trusted=doubted)
         else:
-            raise UsageError("controller", f"'{name}' is unknown", f"there are {', '.join(self.names)}")
+            raise UsageError(
+                "controller", f"'{name}' is unknown", f"there are {', '.join(self.names)}"
+            )
         noisy = self.noise.gyro > 0 and self.noise.accelerometer > 0
         slower = tuple(
-            Pid.placed(FALLEN * bandwidth(equal.pid), OUTER_DAMPING, OUTER_INTEGRAL) for equal in self.equals
+            Pid.placed(FALLEN * bandwidth(equal.pid), OUTER_DAMPING, OUTER_INTEGRAL)
+            for equal in self.equals
         )
-        return Pointer(self.navigator(gains, name == OURS), own, Guard(self.dt, noisy), self.pid(slower))
+        return Pointer(
+            self.navigator(gains, name == OURS), own, Guard(self.dt, noisy), self.pid(slower)
+        )
 
     def pid(self, gains: tuple[Pid, ...]) -> JointPid:
         """Return a PID on the inertias that the joints have where the camera looks as wanted."""

@@ -37,7 +37,9 @@ def split(error: Array, dt: float) -> tuple[Array, Array]:
     sections = butter(2, SLOW, btype="highpass", fs=1 / dt, output="sos")
     pad = min(len(error) - 1, round(1 / SLOW / dt))
     fast = (
-        sosfiltfilt(sections, error, axis=0, padlen=pad) if len(error) * dt > SHORTEST_JITTER else error - error.mean(0)
+        sosfiltfilt(sections, error, axis=0, padlen=pad)
+        if len(error) * dt > SHORTEST_JITTER
+        else error - error.mean(0)
     )
     return fast, error - fast
 
@@ -60,7 +62,9 @@ def summed(events: Iterable[str]) -> tuple[str, ...]:
         found = re.fullmatch(r"(-?[\d.]+) s: (.*)", event, re.DOTALL)
         kind = re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", found[2] if found else event)
         kinds.setdefault(kind, []).append((float(found[1]) if found else 0.0, event))
-    return tuple(min(same)[1] + f" ({len(same)} times)" * (len(same) > 1) for same in kinds.values())
+    return tuple(
+        min(same)[1] + f" ({len(same)} times)" * (len(same) > 1) for same in kinds.values()
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +104,9 @@ class Pointing:
         samples = len(self.t)
         n = len(self.joints)
         for name, shape in (("t", ()), ("error", (3,)), ("q", (n,)), ("tau", (n,)), ("base", (4,))):
-            object.__setattr__(self, name, freeze(getattr(self, name), (samples, *shape), f"pointing: {name}"))
+            object.__setattr__(
+                self, name, freeze(getattr(self, name), (samples, *shape), f"pointing: {name}")
+            )
 
     @property
     def dt(self) -> float:
@@ -230,6 +236,14 @@ class Verified(Record):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `track --json` writes."""
-        loops = {name: {joint: vars(own) for joint, own in zip(self.joints, x)} for name, x in self.loops.items()}
+        loops = {
+            name: {joint: vars(own) for joint, own in zip(self.joints, x)}
+            for name, x in self.loops.items()
+        }
         rows = [row.to_dict() for row in self.rows]
-        return {"rig": self.rig.name, "payload": self.rig.payload, "pointing": rows, "pointing_loops": loops}
+        return {
+            "rig": self.rig.name,
+            "payload": self.rig.payload,
+            "pointing": rows,
+            "pointing_loops": loops,
+        }

@@ -33,7 +33,9 @@ from gimbal_pin.pointing.sight import Sight
 class Sensed:
     """The sensors along a run: they see the plant's state and the platform."""
 
-    def __init__(self, plant: Model, platform: Platform, station: Station, t: Array, rng: np.random.Generator) -> None:
+    def __init__(
+        self, plant: Model, platform: Platform, station: Station, t: Array, rng: np.random.Generator
+    ) -> None:
         """Draw the noise of a whole run; `platform` is sampled at t and halfway between."""
         self.sight = Sight(plant.rig)
         self.station = station
@@ -66,7 +68,9 @@ class SensedHolder:
     def start(self) -> None:
         """Remember nothing: the holder starts with the first measurement."""
 
-    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: Any) -> tuple[Array, Any]:
+    def torque(
+        self, t: float, q: Array, v: Array, reference: Reference, memory: Any
+    ) -> tuple[Array, Any]:
         """Return the holder's torque and its next memory."""
         k = round(t / self.dt)
         seen = self.sensed.see(k, q, v)
@@ -118,16 +122,32 @@ def simulate_holding(
     t = holder.dt * np.arange(round(seconds / holder.dt) + 1)
     base = resample_halfway(platform, t)
     if base.quat is None:
-        raise UsageError("platform", "has no attitude", "give one with the motion: the camera's error needs it")
+        raise UsageError(
+            "platform", "has no attitude", "give one with the motion: the camera's error needs it"
+        )
     quat = np.asarray(base.quat[::2])
     attitudes = Rotation.from_quat(quat, scalar_first=True).as_matrix()
-    behind = SensedHolder(holder, Sensed(plant, base, station or Station.of(rig), t, rng), attitudes)
+    behind = SensedHolder(
+        holder, Sensed(plant, base, station or Station.of(rig), t, rng), attitudes
+    )
     log = simulate(
         plant, behind, Motion(t, *np.zeros((3, len(t), rig.n))), rng=rng, sensors=Sensors.exact(rig.n), delay=delay,
         drive=drive, start=behind.at_rest, platform=base, name=name,
     )  # fmt: skip
     error = errors(behind.sensed.sight, log.q, attitudes, holder.navigator.wanted)
-    return Pointing(name, "S", 0, rig.joints, t, error, log.q, np.asarray(log.tau), quat, rig.tau_max, behind.events)
+    return Pointing(
+        name,
+        "S",
+        0,
+        rig.joints,
+        t,
+        error,
+        log.q,
+        np.asarray(log.tau),
+        quat,
+        rig.tau_max,
+        behind.events,
+    )
 
 
 def errors(sight: Sight, q: Array, base: Array, wanted: Array) -> Array:
@@ -175,5 +195,9 @@ def run_controllers(course: Course, recipe: Recipe, seeds: int, jobs: int = 1) -
     with ExitStack() as stack:
         pool = None if jobs == 1 else stack.enter_context(ProcessPoolExecutor(min(jobs, len(plan))))
         ran = (map if pool is None else pool.map)(partial(course.run, recipe), *zip(*plan))
-        runs = list(tqdm(ran, "pointing", len(plan), unit="run", disable=None, leave=False, delay=2))
-    return tuple(Row(name, tuple(run for run in runs if run.controller == name)) for name in recipe.names)
+        runs = list(
+            tqdm(ran, "pointing", len(plan), unit="run", disable=None, leave=False, delay=2)
+        )
+    return tuple(
+        Row(name, tuple(run for run in runs if run.controller == name)) for name in recipe.names
+    )

@@ -63,10 +63,16 @@ class Sight:
         self.data = self.model.createData()
         self.fixed = rig.model
         self.own = rig.model.createData()
-        self.frame, self.there = (m.getFrameId(rig.camera_frame, pin.FrameType.BODY) for m in (self.model, self.fixed))
+        self.frame, self.there = (
+            m.getFrameId(rig.camera_frame, pin.FrameType.BODY) for m in (self.model, self.fixed)
+        )
         links = gyros_between(rig)
-        self.moved, self.betweens = ([m.getFrameId(link) for link in links] for m in (self.model, self.fixed))
-        self.rows, self.commanded = (slice(0, 3), slice(3, 6)) if n > 2 else (slice(1, 3), slice(4, 6))
+        self.moved, self.betweens = (
+            [m.getFrameId(link) for link in links] for m in (self.model, self.fixed)
+        )
+        self.rows, self.commanded = (
+            (slice(0, 3), slice(3, 6)) if n > 2 else (slice(1, 3), slice(4, 6))
+        )
         self.q = np.zeros(7 + n)
         self.v = np.zeros(6 + n)
         self.a = np.zeros(6 + n)
@@ -81,7 +87,9 @@ class Sight:
         """Return the camera at the angles q, rad, (n,)."""
         joint_jacobians(self.fixed, self.own, q)
         R = placed(self.fixed, self.own, self.there).rotation.copy()
-        J = frame_jacobian(self.fixed, self.own, self.there, LOCAL).reshape(6, -1)[self.commanded]  # n = 1: (6,)
+        J = frame_jacobian(self.fixed, self.own, self.there, LOCAL).reshape(6, -1)[
+            self.commanded
+        ]  # n = 1: (6,)
         inverse, steep = inverted(J)
         if self.rows.start:
             inverse, own = np.zeros((len(inverse), 3)), inverse
@@ -97,7 +105,13 @@ class Sight:
     def between(self, q: Array) -> tuple[Array, ...]:
         """Return the camera's attitude in the base link, and in every link between that has a gyro, (3, 3) each."""
         camera = self.attitude(q)
-        return (camera, *[placed(self.fixed, self.own, frame).rotation.T.dot(camera) for frame in self.betweens])
+        return (
+            camera,
+            *[
+                placed(self.fixed, self.own, frame).rotation.T.dot(camera)
+                for frame in self.betweens
+            ],
+        )
 
     def rates(self, q: Array, v: Array, w: Array) -> Array:
         """Rates of the camera and of every link between that has a gyro, each in its frame, rad/s, (3 + 3 L,)."""
@@ -105,7 +119,9 @@ class Sight:
         told = [frame_velocity(self.model, self.data, frame, LOCAL).angular for frame in self.moved]
         return np.concatenate([camera, *told]) if told else camera
 
-    def drift(self, q: Array, v: Array, w: Sequence[float] | Array, dw: Sequence[float] | Array) -> Array:
+    def drift(
+        self, q: Array, v: Array, w: Sequence[float] | Array, dw: Sequence[float] | Array
+    ) -> Array:
         """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (3,)."""
         self.angles[:], self.joints[:], self.turning[:], self.swing[:] = q, v, w, dw
         moved(self.model, self.data, self.q, self.v, self.a)
@@ -165,15 +181,23 @@ class Sight:
         self.view(self.home)
         joints = range(1, self.fixed.njoints)
         world = pin.LOCAL_WORLD_ALIGNED
-        ways = [pin.getJointJacobian(self.fixed, self.own, j, world).reshape(6, -1)[3:, j - 1] for j in joints]
-        return [np.eye(3) - np.outer(way, way) for way in ways], [self.own.oMi[j].translation.copy() for j in joints]
+        ways = [
+            pin.getJointJacobian(self.fixed, self.own, j, world).reshape(6, -1)[3:, j - 1]
+            for j in joints
+        ]
+        return [np.eye(3) - np.outer(way, way) for way in ways], [
+            self.own.oMi[j].translation.copy() for j in joints
+        ]
 
 
 def gyros_between(rig: Rig) -> tuple[str, ...]:
     """Links with an IMU, by the rig's YAML, that are neither the base nor move with the camera."""
-    camera = rig.model.frames[rig.model.getFrameId(rig.camera_frame, pin.FrameType.BODY)].parentJoint
+    camera = rig.model.frames[
+        rig.model.getFrameId(rig.camera_frame, pin.FrameType.BODY)
+    ].parentJoint
     at = {
-        link: rig.model.frames[rig.model.getFrameId(link, pin.FrameType.BODY)].parentJoint for link in rig.config.imus
+        link: rig.model.frames[rig.model.getFrameId(link, pin.FrameType.BODY)].parentJoint
+        for link in rig.config.imus
     }
     return tuple(link for link, joint in at.items() if joint not in (0, camera))
 
@@ -201,7 +225,17 @@ def cofactors(J: list[list[float]]) -> Array | None:
     y = f * g - d * i
     z = d * h - e * g
     size = a * x + b * y + c * z
-    flat = [x, c * h - b * i, b * f - c * e, y, a * i - c * g, c * d - a * f, z, b * g - a * h, a * e - b * d]
+    flat = [
+        x,
+        c * h - b * i,
+        b * f - c * e,
+        y,
+        a * i - c * g,
+        c * d - a * f,
+        z,
+        b * g - a * h,
+        a * e - b * d,
+    ]
     if max(max(flat), -min(flat)) >= STEEP * abs(size) or abs(size) < 1e-9:
         return None
     return np.array([entry / size for entry in flat]).reshape(3, 3)
@@ -251,7 +285,9 @@ def lost_turn(sight: Sight, q: Array) -> str:
     left, values, right = np.linalg.svd(sight.view(q).J, full_matrices=False)
     named = AXES if len(left) == 3 else AXES[1:]
     axis = named[int(np.argmax(np.abs(left[:, -1])))]
-    joints = [joint for joint, part in zip(sight.rig.joints, np.abs(right[-1])) if part > TAKES_PART]
+    joints = [
+        joint for joint, part in zip(sight.rig.joints, np.abs(right[-1])) if part > TAKES_PART
+    ]
     times = f"{digits(1 / values[-1], 2)} times as fast" if values[-1] > 1e-3 else "without end"
     who = " and ".join(joints)
     return f"to turn the camera about {axis}, {who} would have to turn {times}, so nobody holds it there"
@@ -264,7 +300,9 @@ def holding(sight: Sight, wanted: Array, platform: Platform) -> Motion:
     q = sight.home
     rows = []
     for R, w, dw in zip(
-        Rotation.from_quat(np.asarray(platform.quat), scalar_first=True).as_matrix(), platform.w, platform.dw
+        Rotation.from_quat(np.asarray(platform.quat), scalar_first=True).as_matrix(),
+        platform.w,
+        platform.dw,
     ):
         q = sight.reached(R, wanted, q)
         view = sight.view(q)

@@ -78,7 +78,9 @@ class Turn:
         """Return the way that comes to rest from a time on, as it would at its end."""
         x = min(max(t - self.begun, 0.0) / self.ramp, (self.end - t) / self.ramp, 1.0)
         left = self.progress(t)[0] + self.rate * self.ramp * x**3 * (1 - x / 2)
-        return replace(self, goal=self.goal + left * self.way, begun=self.begun + t + self.ramp * x - self.end)
+        return replace(
+            self, goal=self.goal + left * self.way, begun=self.begun + t + self.ramp * x - self.end
+        )
 
     def gaze(self, t: float, sight: Sight) -> Gaze:
         """Return where the camera should look at a time."""
@@ -121,7 +123,9 @@ class Pace:
             least: Share of a torque limit that is left where a motor hardly holds its load at some pose.
         """
         q = sample_poses(model.rig)[0]
-        rates = share * np.array([min(limit.velocity, UNLIMITED_RATE) for limit in model.rig.limits])
+        rates = share * np.array(
+            [min(limit.velocity, UNLIMITED_RATE) for limit in model.rig.limits]
+        )
         torques = np.maximum(BRAKES * spare_torque(model, q).min(axis=0), least * model.tau_max)
         return Pace(rates, torques, np.abs(compute_inertia(model, q)).max(axis=0))
 

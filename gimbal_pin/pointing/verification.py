@@ -16,7 +16,13 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Log
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import LEARNED, WANTED, learn_recipe, simulate_shaken_log, unbalance_payload
+from gimbal_pin.pointing.bench import (
+    LEARNED,
+    WANTED,
+    learn_recipe,
+    simulate_shaken_log,
+    unbalance_payload,
+)
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.result import Verified
 from gimbal_pin.pointing.run import Course, run_controllers
@@ -60,7 +66,11 @@ def verify(
         UsageError: A rig that cannot hold its camera (see `unable`), a motion that is too short, a loop that diverges.
     """
     if reason := unable(rig, WANTED):
-        raise UsageError(f"rig {rig.name}", f"cannot hold its camera: {reason}", "state or change that in its YAML")
+        raise UsageError(
+            f"rig {rig.name}",
+            f"cannot hold its camera: {reason}",
+            "state or change that in its YAML",
+        )
     if log is not None and plant is None:
         known = known or identify(rig, [log], holdout="none", examined="never").model
         plant = draw_model(known, np.random.default_rng(LEARNED))
@@ -72,6 +82,8 @@ def verify(
     if recorded is not None:  # taken for that of the point where the axes meet, as profile S is
         recorded = recorded.about(Sight(rig).centre)
         seconds = min(seconds, float(np.floor(1000 * (recorded.t[-1] - recorded.t[0]) - 1)) / 1000)
-    rows = run_controllers(Course(true, seconds, station, drive, delay, recorded, size), recipe, seeds, jobs)
+    rows = run_controllers(
+        Course(true, seconds, station, drive, delay, recorded, size), recipe, seeds, jobs
+    )
     loops = {name: recipe.margins(name) for name in recipe.names}
     return Verified(rig, rows, loops)

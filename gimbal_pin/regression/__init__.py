@@ -14,7 +14,9 @@ from gimbal_pin.regression.consistency import find_nearest_bodies as find_neares
 from gimbal_pin.regression.consistency import fit_bodies as fit_bodies
 from gimbal_pin.regression.covariance import ResidualNoise as ResidualNoise
 from gimbal_pin.regression.covariance import bound_deviations as bound_deviations
-from gimbal_pin.regression.covariance import compute_coloured_covariance as compute_coloured_covariance
+from gimbal_pin.regression.covariance import (
+    compute_coloured_covariance as compute_coloured_covariance,
+)
 from gimbal_pin.regression.covariance import compute_score_covariance as compute_score_covariance
 from gimbal_pin.regression.covariance import fit_residual_noise as fit_residual_noise
 from gimbal_pin.regression.covariance import join_columns as join_columns

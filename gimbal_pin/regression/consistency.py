@@ -83,7 +83,11 @@ _SYMMETRIC[range(10), _COLUMN, _ROW] = _SYMMETRIC[range(10), _ROW, _COLUMN]
 
 
 def find_nearest_bodies(
-    start: Array, mixing: Array, beta: Array, covariance: Array, weights: Sequence[float] = BARRIER_WEIGHTS
+    start: Array,
+    mixing: Array,
+    beta: Array,
+    covariance: Array,
+    weights: Sequence[float] = BARRIER_WEIGHTS,
 ) -> Consistent:
     """``argmin (K φ - β)ᵀ P⁻¹ (K φ - β)`` over physical φ; nearest to `start` (least D) where K shows nothing.
 
@@ -101,7 +105,10 @@ def find_nearest_bodies(
             reached.
     """
     if np.isinf(covariance).any():
-        what, mend = "are not all shown by the logs", "move every joint, several at a time: see 'gimbal-pin excite'"
+        what, mend = (
+            "are not all shown by the logs",
+            "move every joint, several at a time: see 'gimbal-pin excite'",
+        )
         raise DataError("the identified parameters", what, mend)
     # Cholesky of the correlation: variances of one estimate span ten orders of magnitude.
     std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
@@ -111,10 +118,14 @@ def find_nearest_bodies(
         return fit_bodies(start, whiten @ mixing, whiten @ beta, weights)
     except np.linalg.LinAlgError as error:
         mend = "look at the units of t, q and tau, and map them (--map)"
-        raise DataError("the identified parameters", "are near to no bodies that can exist", mend) from error
+        raise DataError(
+            "the identified parameters", "are near to no bodies that can exist", mend
+        ) from error
 
 
-def find_likeliest_bodies(start: Array, mixing: Array, beta: Array, covariance: Array, trust: float) -> Array:
+def find_likeliest_bodies(
+    start: Array, mixing: Array, beta: Array, covariance: Array, trust: float
+) -> Array:
     """Return the most likely bodies, (10 n,), where every one is `start`'s, deformed at random by `trust`.
 
     That is μ = 1 / trust²: near `start`, D is half the squared length of a deformation, see
@@ -126,7 +137,9 @@ def find_likeliest_bodies(start: Array, mixing: Array, beta: Array, covariance: 
     return find_nearest_bodies(start, mixing, beta, covariance, weights).phi
 
 
-def fit_bodies(start: Array, rows: Array, target: Array, weights: Sequence[float] = BARRIER_WEIGHTS) -> Consistent:
+def fit_bodies(
+    start: Array, rows: Array, target: Array, weights: Sequence[float] = BARRIER_WEIGHTS
+) -> Consistent:
     """``argmin ‖rows φ - target‖`` over physical φ, least D from `start` where the rows show nothing.
 
     Args:
@@ -153,7 +166,9 @@ def fit_bodies(start: Array, rows: Array, target: Array, weights: Sequence[float
     return Consistent(phi, float(np.linalg.norm(rows @ (phi - free))))
 
 
-def _minimise(now: list[_Body], rows: Array, target: Array, inverses: list[Array], weight: float) -> list[_Body]:
+def _minimise(
+    now: list[_Body], rows: Array, target: Array, inverses: list[Array], weight: float
+) -> list[_Body]:
     """Return the minimum of ``½ ‖rows φ - target‖² + μ Σ D`` by Newton's method, within what can exist.
 
     ``[F K J; √μ] s = -[r; √μ ∇D]`` by orthogonal factors: forming the Hessian would square the condition number.
@@ -166,17 +181,24 @@ def _minimise(now: list[_Body], rows: Array, target: Array, inverses: list[Array
     root = np.sqrt(weight)
     for _ in range(_STEPS):
         rest, cost = residual(now)
-        data = np.concatenate([rows[:, 10 * i : 10 * i + 10] @ body.jacobian for i, body in enumerate(now)], axis=1)
+        data = np.concatenate(
+            [rows[:, 10 * i : 10 * i + 10] @ body.jacobian for i, body in enumerate(now)], axis=1
+        )
         Q, R = np.linalg.qr(np.vstack([data, root * np.eye(10 * len(now))]))
         projected = -Q.T @ np.concatenate([rest, *(root * body.slope for body in now)])
         decrement = float(projected @ projected)
         if decrement < _SETTLED * weight:
             break
-        changes = np.einsum("bk,kij->bij", np.linalg.solve(R, projected).reshape(-1, 10), _SYMMETRIC)
+        changes = np.einsum(
+            "bk,kij->bij", np.linalg.solve(R, projected).reshape(-1, 10), _SYMMETRIC
+        )
         least = float(np.linalg.eigvalsh(changes).min())  # -1 / least such steps lead to the edge
         share = min(1.0, _WITHIN * -1.0 / least) if least < 0 else 1.0
         while True:
-            moved = [body.L @ np.linalg.cholesky(np.eye(4) + share * change) for body, change in zip(now, changes)]
+            moved = [
+                body.L @ np.linalg.cholesky(np.eye(4) + share * change)
+                for body, change in zip(now, changes)
+            ]
             after = [_place_body(L, inverse) for L, inverse in zip(moved, inverses)]
             if residual(after)[1] <= cost - 0.1 * share * decrement:
                 break

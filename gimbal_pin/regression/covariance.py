@@ -69,7 +69,9 @@ def fit_residual_noise(
 
 def join_columns(blocks: Sequence[Block], columns: Sequence[Array]) -> list[Array]:
     """Return other columns of the blocks, (m, n, k) each, joined as `join_blocks` joins these."""
-    return [block.A for block in join_blocks([block._replace(A=z) for block, z in zip(blocks, columns)])]
+    return [
+        block.A for block in join_blocks([block._replace(A=z) for block, z in zip(blocks, columns)])
+    ]
 
 
 def compute_coloured_covariance(
@@ -102,14 +104,20 @@ def compute_coloured_covariance(
         out += own
         uncertain += 2 * np.diag(own) ** 2 / rows
         if order:
-            spread = process.power / rows * np.linalg.pinv(toeplitz(noise.gamma[:order, j]), hermitian=True)
+            spread = (
+                process.power
+                / rows
+                * np.linalg.pinv(toeplitz(noise.gamma[:order, j]), hermitian=True)
+            )
             uncertain += np.einsum("lk,lm,mk->k", slopes, spread, slopes)
     freedom = 2 * np.diag(out) ** 2 / np.where(uncertain > 0, uncertain, np.inf).clip(1e-300)
     widening = stdtrit(np.maximum(freedom, FEWEST_SQUARES), 0.975) / NORMAL_975
     return np.asarray(out * np.outer(widening, widening))
 
 
-def compute_score_covariance(columns: Sequence[Array], processes: Sequence[Autoregression], weight: Array) -> Array:
+def compute_score_covariance(
+    columns: Sequence[Array], processes: Sequence[Autoregression], weight: Array
+) -> Array:
     """Covariance of ``Σ_t weight_j z_tj e_tj`` of each joint for residuals e of these colours, (n, k, k).
 
     ``E (zᵀe)(zᵀe)ᵀ = power yᵀy`` with y the columns through the process backwards in time: no lag is cut off, and what
@@ -140,7 +148,9 @@ def bound_deviations(blocks: Sequence[Block], theta: Array) -> Array:
         theta: An estimate, (k,).
     """
     whole = join_blocks(blocks)
-    seen = compute_autocovariance([block.b - block.A @ theta for block in whole], [block.share for block in whole])
+    seen = compute_autocovariance(
+        [block.b - block.A @ theta for block in whole], [block.share for block in whole]
+    )
     rows = float(sum(len(block.t) for block in whole))
     information = np.zeros((len(theta), len(theta)))
     for j, gamma in enumerate(seen.T):

@@ -14,7 +14,12 @@ from scipy.ndimage import uniform_filter1d
 from tqdm import tqdm
 
 from gimbal_pin.dynamics.reduction import Reduction, list_units
-from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea, name_columns
+from gimbal_pin.dynamics.regressor import (
+    compute_gravity,
+    compute_regressor,
+    compute_rnea,
+    name_columns,
+)
 from gimbal_pin.effects import Effect, Sample, Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import signals
@@ -76,7 +81,12 @@ def find_slow_samples(channels: Samples, sure: float = STANDSTILL_DEVIATIONS) ->
 
 def count_smoother_memory(channels: Samples, filtering: Filtering) -> int:
     """Samples that the smoother reaches to either side."""
-    return int(np.ceil(SMOOTHER_MEMORY / (filtering.cutoff * filtering.smoothing * (channels.t[1] - channels.t[0]))))
+    return int(
+        np.ceil(
+            SMOOTHER_MEMORY
+            / (filtering.cutoff * filtering.smoothing * (channels.t[1] - channels.t[0]))
+        )
+    )
 
 
 def compute_direction(v: Array, a: Array, dt: float) -> Array:
@@ -123,7 +133,10 @@ def map_phi_to_base(rig: Rig, reduction: Reduction) -> Array:
 def find_camera_body(rig: Rig) -> int:
     """Return the body (from 0) that carries the camera."""
     link = rig.payload_link or rig.camera_frame
-    return int(rig.model.frames[rig.model.getFrameId(link, pin.FrameType.BODY)].parentJoint or rig.n) - 1
+    return (
+        int(rig.model.frames[rig.model.getFrameId(link, pin.FrameType.BODY)].parentJoint or rig.n)
+        - 1
+    )
 
 
 class Block(NamedTuple):
@@ -202,7 +215,9 @@ class Design:
     def names(self) -> tuple[str, ...]:
         """Names of theta: base parameters, then ``joint.coefficient``."""
         return self.reduction.base_names + tuple(
-            f"{effect.joint}.{coefficient.name}" for effect in self.effects for coefficient in effect.coefficients
+            f"{effect.joint}.{coefficient.name}"
+            for effect in self.effects
+            for coefficient in effect.coefficients
         )
 
     @property
@@ -210,7 +225,9 @@ class Design:
         """SI units of theta."""
         leading = [self.reduction.names[j].rsplit(".", 1)[1] for j in self.reduction.independent]
         return list_units(leading) + tuple(
-            self.rig.in_units(effect.joint, c.unit) for effect in self.effects for c in effect.coefficients
+            self.rig.in_units(effect.joint, c.unit)
+            for effect in self.effects
+            for c in effect.coefficients
         )
 
     @property
@@ -246,7 +263,9 @@ class Design:
         for log in self.logs:
             carrier = find_moving_base(self.rig, log)
             for segment in split_segments(log, self.filtering.cutoff):
-                yield from self.build_blocks(segment, carrier, None if read is None else read(segment))
+                yield from self.build_blocks(
+                    segment, carrier, None if read is None else read(segment)
+                )
 
     def build_blocks(
         self, segment: Segment, carrier: str | None = None, motion: Segment | None = None
@@ -269,7 +288,11 @@ class Design:
             last = end + pad
             channels = smooth_samples(segment, self.filtering, first, last, carrier)
             keep = slice(pad + -begin % step, pad + end - begin, step)
-            moved = None if motion is None else smooth_samples(motion, self.filtering, first, last, carrier)
+            moved = (
+                None
+                if motion is None
+                else smooth_samples(motion, self.filtering, first, last, carrier)
+            )
             if keep.start < keep.stop:
                 yield self.build_block(channels, keep, 1.0 / segment.dt, moved)
 
@@ -289,7 +312,9 @@ class Design:
             moving = build_mask(still, round(MASK_TAPER / self.filtering.cutoff * rate))
         return RowFilter(few, rows, moving[few], design_row_filter(self.filtering, rate / thin))
 
-    def build_block(self, channels: Samples, keep: slice, rate: float, moved: Samples | None = None) -> Block:
+    def build_block(
+        self, channels: Samples, keep: slice, rate: float, moved: Samples | None = None
+    ) -> Block:
         """Return the rows at the samples `keep` of the channels, see `build_row_filter`.
 
         What is smooth is decimated, see `compute_decimation`, before the bodies' columns are computed and filtered.
@@ -311,7 +336,9 @@ class Design:
         moved = moved.select(way.few)
         rigid = self.compute_rigid_columns(moved)
         known = self.compute_known_torque(moved, rigid)
-        A = _filter_columns(np.concatenate([rigid, jumping], axis=2), way.low_pass, way.rows, way.moving)
+        A = _filter_columns(
+            np.concatenate([rigid, jumping], axis=2), way.low_pass, way.rows, way.moving
+        )
         share = np.clip(way.low_pass(way.moving, way.rows), 0.0, 1.0)
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
         t, q, v = (x[way.rows].copy() for x in (channels.t, channels.q, channels.v))
@@ -321,7 +348,9 @@ class Design:
     def compute_rigid_columns(self, channels: Samples) -> Array:
         """Base columns of the regressor, (m, n, b)."""
         places = find_base_columns(self.rig, self.reduction)
-        return compute_regressor(self.rig, channels.q, channels.v, channels.a, channels.platform, places)
+        return compute_regressor(
+            self.rig, channels.q, channels.v, channels.a, channels.platform, places
+        )
 
     def compute_known_torque(self, channels: Samples, rigid: Array) -> Array:
         """``rnea - Y_base beta`` of the rig as given, N m, (m, n): what its base parameters do not hold.
@@ -354,7 +383,11 @@ def compute_effect_columns(
     out = np.zeros((*channels.q.shape, sum(len(effect.coefficients) for effect in effects)))
     if pull is None:
         asked = any(effect.weighed for effect in effects)
-        pull = compute_gravity(rig, channels.q, channels.platform) if asked else np.zeros_like(channels.q)
+        pull = (
+            compute_gravity(rig, channels.q, channels.platform)
+            if asked
+            else np.zeros_like(channels.q)
+        )
     column = 0
     for effect in effects:
         j = rig.joint_index(effect.joint)
@@ -365,7 +398,9 @@ def compute_effect_columns(
     return out
 
 
-def _filter_columns(columns: Array, low_pass: SelectiveFilter, keep: slice, mask: Array | None = None) -> Array:
+def _filter_columns(
+    columns: Array, low_pass: SelectiveFilter, keep: slice, mask: Array | None = None
+) -> Array:
     """Run a filter over columns, (m, n, k), and return the samples `keep`, (r, n, k).
 
     Only those columns that a joint feels: of a long chain's most feel hardly half.
@@ -410,10 +445,14 @@ def get_design(blocks: Sequence[Block]) -> Design:
     """Return the design that blocks are of; `UsageError` where they are mixed from several."""
     if not isinstance(blocks, DesignBlocks):
         what = "needs to know the rig behind its rows, and these are mixed from several payloads'"
-        raise UsageError("this estimator", what, "use weighted, ols or robust, or identify each payload alone")
+        raise UsageError(
+            "this estimator", what, "use weighted, ols or robust, or identify each payload alone"
+        )
     return blocks.design
 
 
 def compute_blocks(design: Design) -> DesignBlocks:
     """Compute every block once and keep them: after decimation even a million samples are some 20 MB."""
-    return DesignBlocks(design, tuple(tqdm(design, "rows", unit="block", disable=None, leave=False, delay=2)))
+    return DesignBlocks(
+        design, tuple(tqdm(design, "rows", unit="block", disable=None, leave=False, delay=2))
+    )

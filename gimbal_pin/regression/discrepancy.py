@@ -41,7 +41,13 @@ SLOWEST_COSINES = 4
 """Of the angle's and of the rate's, the slowest have a variance of their own: a spring is no ripple."""
 GROUPS = np.repeat(
     np.arange(5),
-    (SLOWEST_COSINES, ANGLE_COSINES - SLOWEST_COSINES, SLOWEST_COSINES, RATE_COSINES - SLOWEST_COSINES, SIGNED_COSINES),
+    (
+        SLOWEST_COSINES,
+        ANGLE_COSINES - SLOWEST_COSINES,
+        SLOWEST_COSINES,
+        RATE_COSINES - SLOWEST_COSINES,
+        SIGNED_COSINES,
+    ),
 )
 """Which variance each column has."""
 SIZES = np.concatenate([[0.0], np.geomspace(1e-4, 1e6, 11)])
@@ -80,13 +86,18 @@ class Misfit(NamedTuple):
     @property
     def group_std(self) -> tuple[float, ...]:
         """Standard deviation of the coefficients of each group, N m."""
-        return tuple(float(np.sqrt(self.variance[group == GROUPS][0])) for group in range(GROUPS.max() + 1))
+        return tuple(
+            float(np.sqrt(self.variance[group == GROUPS][0])) for group in range(GROUPS.max() + 1)
+        )
 
 
 def _iterate_joints(blocks: Sequence[Block]) -> Iterator[tuple[Array, Array, Array]]:
     """Yield over all rows each joint's columns, δ's, and its torque, (m, k), (m, f), (m,): one joint's at a time."""
     for j in range(blocks[0].b.shape[1]):
-        A, b, q, v, share = (np.concatenate([x[:, j] for x in each]) for each in zip(*(block[1:6] for block in blocks)))
+        A, b, q, v, share = (
+            np.concatenate([x[:, j] for x in each])
+            for each in zip(*(block[1:6] for block in blocks))
+        )
         yield A, build_discrepancy_columns(q, v) * share[:, None], b
 
 
@@ -99,7 +110,11 @@ def build_discrepancy_columns(q: Array, v: Array) -> Array:
     spring, k = 1, is larger than what shows. Over the rate nothing is smooth: friction has its edge at rest.
     """
     turn = np.outer(q, np.arange(1, ANGLE_COSINES // 2 + 1))
-    whole = np.hstack([np.cos(turn), np.sin(turn)]) if np.ptp(q) > 2 * np.pi else _build_cosines(q, ANGLE_COSINES)
+    whole = (
+        np.hstack([np.cos(turn), np.sin(turn)])
+        if np.ptp(q) > 2 * np.pi
+        else _build_cosines(q, ANGLE_COSINES)
+    )
     signed = np.sign(v)[:, None] * whole[:, :SIGNED_COSINES]
     whole[:, :SLOWEST_COSINES] /= np.arange(1, SLOWEST_COSINES + 1) ** 2
     return np.hstack([whole, _build_cosines(v, RATE_COSINES), signed])
@@ -137,7 +152,9 @@ def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     power = (float(z @ z) + rest) / free
     if not len(z) or power <= 0:
         return Misfit(0.0, float(np.sqrt(power)), np.zeros(X.shape[1]), float(np.sqrt(power)))
-    each = np.stack([left[:, group == GROUPS] @ left[:, group == GROUPS].T for group in range(GROUPS.max() + 1)])
+    each = np.stack(
+        [left[:, group == GROUPS] @ left[:, group == GROUPS].T for group in range(GROUPS.max() + 1)]
+    )
 
     def compute_costs(sizes: Array) -> tuple[Array, Array]:
         """Akaike's criterion and the noise's power of so many choices of the variances, (c, groups): (c,) each."""
@@ -145,7 +162,9 @@ def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
         white = np.linalg.solve(root, z[:, None])[:, :, 0]
         noise = (np.sum(white**2, axis=1) + rest) / free
         spread = 2 * np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
-        return free * np.log(np.maximum(noise, 1e-300)) + spread + 2 * np.sum(sizes > 0, axis=1), noise
+        return free * np.log(np.maximum(noise, 1e-300)) + spread + 2 * np.sum(
+            sizes > 0, axis=1
+        ), noise
 
     def vary_size(group: int) -> Array:
         """The choices of one variance beside those of the others, (c, groups)."""
@@ -182,7 +201,9 @@ def propagate_misfit(gain: Array, through: Array, missed: Misfit) -> Array:
     return np.asarray(gain @ (through * np.sqrt(missed.variance)))
 
 
-def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) -> tuple[Estimate, tuple[Misfit, ...]]:
+def add_misfit(
+    blocks: Sequence[Block], estimate: Estimate, cameras: int = 1
+) -> tuple[Estimate, tuple[Misfit, ...]]:
     """Return the estimate with deviations that hold what the model misses, and that at each joint.
 
     The rows weigh as they do in `solve`, or alike by ordinary least squares. With several cameras on one gimbal
@@ -215,14 +236,18 @@ def measure_pure_error(blocks: Sequence[Block], theta: Array) -> Array:
         blocks: Rows.
         theta: Parameters, (k,).
     """
-    q, v, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("q", "v", "share"))
+    q, v, share = (
+        np.concatenate([getattr(block, name) for block in blocks]) for name in ("q", "v", "share")
+    )
     error = np.concatenate([compute_residuals(block, theta) for block in blocks])
     state = np.hstack([q, v])
     state = (state - state.mean(axis=0)) / np.maximum(state.std(axis=0), 1e-12)
     order = np.arange(len(state))
     place = np.concatenate([np.arange(len(block.t)) for block in blocks])
     block = np.repeat(np.arange(len(blocks)), [len(block.t) for block in blocks])
-    near = cKDTree(state).query(state, min(2 * NEIGHBOURS + 2, len(state)))[1].reshape(len(state), -1)
+    near = (
+        cKDTree(state).query(state, min(2 * NEIGHBOURS + 2, len(state)))[1].reshape(len(state), -1)
+    )
     apart = (np.abs(place[near] - place[:, None]) > NEIGHBOURS) | (block[near] != block[:, None])
     partner = near[order, np.argmax(apart, axis=1)]
     counts = np.where(apart.any(axis=1)[:, None], share * share[partner], 0.0)
@@ -242,24 +267,42 @@ def presume_misfit(
         sizes: Root mean square of δ at each joint, N m, (n,).
         group_std: Of δ's coefficients, see `Misfit`, (n, groups); None: the same power from every group.
     """
-    each = [(A.T @ X, np.bincount(GROUPS, np.mean(X**2, axis=0))) for A, X, _ in _iterate_joints(blocks)]
+    each = [
+        (A.T @ X, np.bincount(GROUPS, np.mean(X**2, axis=0))) for A, X, _ in _iterate_joints(blocks)
+    ]
     through = [x for x, _ in each]
     if group_std is None:
         powers = np.array([x for _, x in each])
         group_std = sizes[:, None] / np.sqrt(np.maximum(powers.shape[1] * powers, 1e-300))
-    found = [Misfit(size, 0.0, (std**2)[GROUPS], 0.0) for size, std in zip(sizes.tolist(), group_std)]
-    return _add_spread(blocks, replace(estimate, residual_std=np.hypot(estimate.residual_std, sizes)), found, through)
+    found = [
+        Misfit(size, 0.0, (std**2)[GROUPS], 0.0) for size, std in zip(sizes.tolist(), group_std)
+    ]
+    return _add_spread(
+        blocks,
+        replace(estimate, residual_std=np.hypot(estimate.residual_std, sizes)),
+        found,
+        through,
+    )
 
 
 def _add_spread(
-    blocks: Sequence[Block], estimate: Estimate, found: Sequence[Misfit], through: Sequence[Array], cameras: int = 1
+    blocks: Sequence[Block],
+    estimate: Estimate,
+    found: Sequence[Misfit],
+    through: Sequence[Array],
+    cameras: int = 1,
 ) -> Estimate:
     """Return the estimate with the deviations that a misfit found at each joint adds, see `add_misfit`.
 
     `through` is ``AᵀX`` at each joint, (k, f).
     """
     gain, scale = compute_gain(blocks, estimate)
-    moved = np.stack([s**2 * propagate_misfit(gain, x, one) for s, x, one in zip(scale, through, found)])
+    moved = np.stack(
+        [s**2 * propagate_misfit(gain, x, one) for s, x, one in zip(scale, through, found)]
+    )
     shared = moved.reshape(cameras, -1, *moved.shape[1:]).sum(axis=0)
-    spreads = [np.einsum("jkf,jlf->kl", each, each) for each in ((moved, shared) if cameras > 1 else (moved,))]
+    spreads = [
+        np.einsum("jkf,jlf->kl", each, each)
+        for each in ((moved, shared) if cameras > 1 else (moved,))
+    ]
     return replace(estimate, covariance=estimate.covariance + sum(spreads))

@@ -72,7 +72,9 @@ class MotionNoise:
         it larger.
         """
         lost = (1.0 - self.material) * self.instrumental - self.plain
-        return np.asarray(norm.cdf(lost / np.maximum(self.std, 1e-9 * np.abs(self.instrumental) + 1e-300)))
+        return np.asarray(
+            norm.cdf(lost / np.maximum(self.std, 1e-9 * np.abs(self.instrumental) + 1e-300))
+        )
 
     @property
     def is_hiding(self) -> Flags:
@@ -122,7 +124,11 @@ def fit_instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> E
         UsageError: There is not one Z of A's shape for every block.
     """
     if [Z.shape for Z in instruments] != [block.A.shape for block in blocks]:
-        raise UsageError("instruments", "do not have the shape of the regressors", "build them with the same rows")
+        raise UsageError(
+            "instruments",
+            "do not have the shape of the regressors",
+            "build them with the same rows",
+        )
     return _solve_instrumental(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)])
 
 
@@ -137,7 +143,9 @@ def fit_repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
         UsageError: The two do not have the same shapes.
     """
     if [twin.A.shape for twin in twins] != [block.A.shape for block in blocks]:
-        raise UsageError("twins", "do not have the shape of the regressors", "build them with the same rows")
+        raise UsageError(
+            "twins", "do not have the shape of the regressors", "build them with the same rows"
+        )
     middle = [block._replace(A=(block.A + twin.A) / 2) for block, twin in zip(blocks, twins)]
     half = [(block.A - twin.A) / 2 for block, twin in zip(blocks, twins)]
     # (AᵀB + BᵀA) / 2 = MᵀM - DᵀD with the mean M and half the difference D.
@@ -147,7 +155,9 @@ def fit_repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
 Pairs = Sequence[tuple[Array, Array]]
 
 
-def _solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ()) -> Estimate:
+def _solve_instrumental(
+    blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ()
+) -> Estimate:
     """Solve ``(Σ ZᵀWA - Σ DᵀWD) theta = Σ ZᵀWb``, W from each joint's residual in turn.
 
     `pairs`: per block (Z, A); `noise`: per block D, whose power is taken off. Residuals are the blocks' own.
@@ -156,8 +166,12 @@ def _solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[A
     width = blocks[0].A.shape[2]
     weight: Array = np.ones(blocks[0].b.shape[1])
     for _ in range(REWEIGHTINGS):
-        moment = compute_moments(pairs, weight) - compute_moments([(D, D) for D in noise], weight, width)
-        theta, inverse, condition = solve_moments(moment, compute_targets(blocks, [Z for Z, _ in pairs], weight))
+        moment = compute_moments(pairs, weight) - compute_moments(
+            [(D, D) for D in noise], weight, width
+        )
+        theta, inverse, condition = solve_moments(
+            moment, compute_targets(blocks, [Z for Z, _ in pairs], weight)
+        )
         squares = sum(np.sum(compute_residuals(block, theta) ** 2, axis=0) for block in blocks)
         power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
         weight = weigh_joints(power) ** 2
@@ -166,7 +180,12 @@ def _solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[A
     blind = ~np.any(inverse != 0.0, axis=1)
     spread[blind, blind] = np.inf
     return Estimate(
-        theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), Method.INSTRUMENTAL
+        theta,
+        spread,
+        np.sqrt(power),
+        condition,
+        sum(len(block.t) for block in blocks),
+        Method.INSTRUMENTAL,
     )
 
 
@@ -199,7 +218,10 @@ def compute_moments(pairs: Pairs, weight: Array, width: int = 0) -> Array:
 
 def compute_targets(blocks: Sequence[Block], instruments: Sequence[Array], weight: Array) -> Array:
     """``Σ ZᵀWb``, (k,)."""
-    return np.sum([np.einsum("tjk,j,tj->k", Z, weight, block.b) for Z, block in zip(instruments, blocks)], axis=0)
+    return np.sum(
+        [np.einsum("tjk,j,tj->k", Z, weight, block.b) for Z, block in zip(instruments, blocks)],
+        axis=0,
+    )
 
 
 def solve_moments(moment: Array, target: Array) -> tuple[Array, Array, float]:
@@ -211,5 +233,9 @@ def solve_moments(moment: Array, target: Array) -> tuple[Array, Array, float]:
     unit = np.where(size > 0, size, 1.0)
     left, values, right = np.linalg.svd(moment / np.outer(unit, unit))
     seen = values > RANK * values[0]
-    inverse = (right.T * np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0)) @ left.T / np.outer(unit, unit)
+    inverse = (
+        (right.T * np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0))
+        @ left.T
+        / np.outer(unit, unit)
+    )
     return inverse @ target, inverse, float(values[0] / values[-1]) if seen.all() else float("inf")

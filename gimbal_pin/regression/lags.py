@@ -41,11 +41,16 @@ def hedge_misfit(blocks: Sequence[Block], estimate: Estimate) -> Estimate:
 def _append_slopes(blocks: Sequence[Block], joints: int) -> list[Block]:
     """Return blocks with one more column per joint, its torque's derivative; several cameras' share theirs."""
     own = np.arange(blocks[0].b.shape[1])[:, None] % joints == np.arange(joints)
-    return [block._replace(A=np.concatenate([block.A, block.slope[:, :, None] * own], axis=2)) for block in blocks]
+    return [
+        block._replace(A=np.concatenate([block.A, block.slope[:, :, None] * own], axis=2))
+        for block in blocks
+    ]
 
 
 def fit_lags(
-    blocks: Sequence[Block], taken: Array, hedge: Callable[[Sequence[Block], Estimate], Estimate] = hedge_misfit
+    blocks: Sequence[Block],
+    taken: Array,
+    hedge: Callable[[Sequence[Block], Estimate], Estimate] = hedge_misfit,
 ) -> tuple[Array, Array]:
     """Return each joint's lag, s, (n,), and their covariance, s², (n, n).
 
@@ -69,7 +74,8 @@ def fit_lags(
 
 
 def align_rows(
-    each: Sequence[DesignBlocks], join: Callable[[Sequence[DesignBlocks]], Sequence[Block]] = get_only
+    each: Sequence[DesignBlocks],
+    join: Callable[[Sequence[DesignBlocks]], Sequence[Block]] = get_only,
 ) -> tuple[list[DesignBlocks], Array]:
     """Return rows with the lags at which the model leaves least, and these' covariance, s², (n, n).
 

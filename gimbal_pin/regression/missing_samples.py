@@ -102,7 +102,9 @@ def resolution(log: Log) -> Array:
     if n < 1:
         return np.zeros(len(log.joints))
     near = [log.t[i : i + n] for i in range(4)]
-    weights = [1.0 / np.prod([own - other for other in near if other is not own], axis=0) for own in near]
+    weights = [
+        1.0 / np.prod([own - other for other in near if other is not own], axis=0) for own in near
+    ]
     size = np.sum([w**2 for w in weights], axis=0)
     least = max(1, int(RESOLUTION_SHARE * n))
     # One joint at a time: of a million samples, all joints' would be the most that an identification holds.
@@ -127,7 +129,9 @@ def inserted(log: Log, closed: list[tuple[int, Side, Side]]) -> Log:
     times = np.concatenate(t)
     order = np.argsort(times, kind="stable")
     times = times[order]
-    measured = {name: x for name in ("tau", "q_ref", "temperature") if (x := getattr(log, name)) is not None}
+    measured = {
+        name: x for name in ("tau", "q_ref", "temperature") if (x := getattr(log, name)) is not None
+    }
     values: dict[str, Any] = {name: straight(times, log.t, x) for name, x in measured.items()}
     if log.v is not None:
         values["v"] = np.concatenate(slopes)[order]

@@ -42,7 +42,9 @@ def join_blocks(blocks: Sequence[Block]) -> list[Block]:
             runs[-1].append(block)
         else:
             runs.append([block])
-    return [Block(*(np.concatenate(x) for x in zip(*run))) if len(run) > 1 else run[0] for run in runs]
+    return [
+        Block(*(np.concatenate(x) for x in zip(*run))) if len(run) > 1 else run[0] for run in runs
+    ]
 
 
 def compute_autocovariance(errors: Sequence[Array], shares: Sequence[Array]) -> Array:

@@ -62,7 +62,9 @@ def fit_physical(blocks: Sequence[Block]) -> Estimate:
     found = solve_factors(factors, scale)._replace(theta=theta)
     deviations = compute_covariance(blocks, found, scale)
     length = sum(len(block.t) for block in blocks)
-    return Estimate(theta, deviations, np.sqrt(power), found.condition, length, Method.PHYSICAL, phi)
+    return Estimate(
+        theta, deviations, np.sqrt(power), found.condition, length, Method.PHYSICAL, phi
+    )
 
 
 def fit_ridge(blocks: Sequence[Block], trust: float = TRUST) -> Estimate:
@@ -82,7 +84,9 @@ def fit_ridge(blocks: Sequence[Block], trust: float = TRUST) -> Estimate:
 def check_trust(trust: float) -> None:
     """Raise `UsageError` if a trust is not positive."""
     if not 0 < trust < np.inf:
-        raise UsageError("trust", f"is {trust:g}", "give the URDF's relative deviation, such as 0.3")
+        raise UsageError(
+            "trust", f"is {trust:g}", "give the URDF's relative deviation, such as 0.3"
+        )
 
 
 def build_urdf_prior(design: Design, trust: float) -> Array:
@@ -92,7 +96,8 @@ def build_urdf_prior(design: Design, trust: float) -> Array:
     `compute_deformation_root` says.
     """
     rows = build_prior_rows(
-        trust * design.mixing @ compute_deformation_root(design.rig.phi), design.mixing @ design.rig.phi
+        trust * design.mixing @ compute_deformation_root(design.rig.phi),
+        design.mixing @ design.rig.phi,
     )
     unknown = np.zeros((len(rows), len(design.names) - len(design.mixing)))
     return np.hstack([rows[:, :-1], unknown, rows[:, -1:]])
@@ -111,7 +116,9 @@ def factor_wide_states(rows: Design, width: int) -> Array:
     The base stands; mean squares, not sums; the columns of effects are zero.
     """
     states = spread_reference_states(rows.rig)
-    Y = compute_regressor(rows.rig, states.q, states.v, states.a)[:, :, find_base_columns(rows.rig, rows.reduction)]
+    Y = compute_regressor(rows.rig, states.q, states.v, states.a)[
+        :, :, find_base_columns(rows.rig, rows.reduction)
+    ]
     out = np.zeros((Y.shape[1], Y.shape[2], width))
     out[:, :, : Y.shape[2]] = [triangularise(Y[:, j] / np.sqrt(len(Y))) for j in range(Y.shape[1])]
     return out
@@ -156,7 +163,9 @@ def anchor(data: Array, wide: Array) -> Array:
     return np.column_stack([rows, rows @ (back @ (left[:, seen].T @ R[:-1, -1]))])
 
 
-def fit_bounded_bodies(rows: Design, stacked: Array, weights: Sequence[float] = BARRIER_WEIGHTS) -> tuple[Array, Array]:
+def fit_bounded_bodies(
+    rows: Design, stacked: Array, weights: Sequence[float] = BARRIER_WEIGHTS
+) -> tuple[Array, Array]:
     """Return the bodies and the other coefficients: those that want to leave their bounds stay on them.
 
     Friction drives nothing: its coefficients are not negative. `weights` are what `fit_bodies` takes.

@@ -51,11 +51,15 @@ class PastRows:
         root = np.sqrt(weight)[:, None, None]
         return PastRows(root * self.factors, root**4 * self.score, self.rows)
 
-    def add(self, blocks: Sequence[Block], processes: Sequence[Autoregression] | None = None) -> PastRows:
+    def add(
+        self, blocks: Sequence[Block], processes: Sequence[Autoregression] | None = None
+    ) -> PastRows:
         """Return it with more rows; without their residuals' processes the score's covariance stays as it is."""
         if not blocks:
             return self
-        rows = np.concatenate([np.dstack([block.A, block.b, block.share]) for block in blocks]).swapaxes(0, 1)
+        rows = np.concatenate(
+            [np.dstack([block.A, block.b, block.share]) for block in blocks]
+        ).swapaxes(0, 1)
         factors = np.asarray(np.linalg.qr(np.concatenate([self.factors, rows], axis=1), mode="r"))
         score = self.score
         if processes is not None:
@@ -72,7 +76,14 @@ class PastRows:
         rows = self.factors.swapaxes(0, 1) * np.sqrt(size / max(self.rows, 1))
         nowhere = np.zeros(rows.shape[:2])
         return Block(
-            np.zeros(size), rows[:, :, :-2], rows[:, :, -2], nowhere, nowhere, rows[:, :, -1], nowhere, nowhere
+            np.zeros(size),
+            rows[:, :, :-2],
+            rows[:, :, -2],
+            nowhere,
+            nowhere,
+            rows[:, :, -1],
+            nowhere,
+            nowhere,
         )
 
 

@@ -67,7 +67,9 @@ class Filtering:
     compact: bool = False
 
 
-def limit_cutoff(filtering: Filtering, logs: Sequence[Log], share: float = HIGHEST_CUTOFF) -> Filtering:
+def limit_cutoff(
+    filtering: Filtering, logs: Sequence[Log], share: float = HIGHEST_CUTOFF
+) -> Filtering:
     """Return a filter whose cutoff is at most a share of the sampling rate of the slowest of some logs."""
     highest = [share / log.dt for log in logs if len(log) > 1]
     return replace(filtering, cutoff=min([filtering.cutoff, *highest]))
@@ -120,7 +122,13 @@ def compute_decimation(filtering: Filtering, dt: float) -> int:
     corners c of a smoother of order 3, run twice, it comes from near r c and has ``r² / (1 + r⁶)`` of what it
     has at the corner: 1/1300 at 6. Columns that jump are smoothed before, at the full rate. Beside it, `LEAST_RATE`.
     """
-    return max(1, int(1.000001 / (max(LEAST_RATE, LEAST_CORNERS * filtering.cutoff * filtering.smoothing) * dt)))
+    return max(
+        1,
+        int(
+            1.000001
+            / (max(LEAST_RATE, LEAST_CORNERS * filtering.cutoff * filtering.smoothing) * dt)
+        ),
+    )
 
 
 def compute_row_step(filtering: Filtering, dt: float) -> int:
@@ -166,7 +174,14 @@ def split_segments(log: Log, cutoff: float, across: float = 0.0) -> Iterator[Seg
             span = log.t[last - 1] - log.t[first]
             count = int(span / dt * (1 + 1e-9)) + 1
             # The grid's own interval makes it end on the last sample: an interval rounded from jitter would drift.
-            yield Segment(log, slice(first, last), float(log.t[first]), float(span / (count - 1)), count, closed)
+            yield Segment(
+                log,
+                slice(first, last),
+                float(log.t[first]),
+                float(span / (count - 1)),
+                count,
+                closed,
+            )
 
 
 class Samples(NamedTuple):
@@ -194,7 +209,9 @@ class Samples(NamedTuple):
     def select(self, rows: slice) -> Samples:
         """Return the samples in `rows`."""
         platform = None if self.platform is None else self.platform.part(rows)
-        t, q, v, a, tau, slide = (x[rows] for x in (self.t, self.q, self.v, self.a, self.tau, self.slide))
+        t, q, v, a, tau, slide = (
+            x[rows] for x in (self.t, self.q, self.v, self.a, self.tau, self.slide)
+        )
         lost = None if self.lost is None else self.lost[rows]
         return Samples(t, q, v, a, tau, slide, self.rate_std, platform, lost)
 
@@ -214,7 +231,9 @@ def smooth_samples(
     log = segment.log
     dt = segment.dt
     if log.tau is None:
-        raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
+        raise UsageError(
+            log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory"
+        )
     grid = np.asarray(segment.start + dt * np.arange(first, last), dtype=np.float64)
     near = _find_log_rows(segment, filtering, grid)
     t = log.t[near]
@@ -233,7 +252,9 @@ def smooth_samples(
         noise = signals.noise_std(raw_q) * signals.compute_noise_gain(slower, 1 / dt, 1)
         rate_std = np.maximum(noise, REST * np.sqrt(np.mean(slide**2, axis=0)))
     tau = signals.zero_phase(resample_torque(segment, filtering, grid), sections)
-    platform = None if base_link is None else _resample_base_motion(log, base_link, near, grid, sections)
+    platform = (
+        None if base_link is None else _resample_base_motion(log, base_link, near, grid, sections)
+    )
     lost = inside(segment.holes, grid) if len(segment.holes) else None
     return Samples(grid, q, v, signals.differentiate(v, dt), tau, slide, rate_std, platform, lost)
 
@@ -245,7 +266,11 @@ def _compute_torque_delay(filtering: Filtering, dt: float) -> float:
 
 def compute_reach(filtering: Filtering, dt: float) -> float:
     """Time around a sample of the grid from which it is resampled, s: four samples, and the torque's delay."""
-    return 4 * dt + abs(_compute_torque_delay(filtering, dt)) + max(map(abs, filtering.lags), default=0.0)
+    return (
+        4 * dt
+        + abs(_compute_torque_delay(filtering, dt))
+        + max(map(abs, filtering.lags), default=0.0)
+    )
 
 
 def _find_log_rows(segment: Segment, filtering: Filtering, grid: Array) -> slice:
@@ -264,7 +289,9 @@ def resample_torque(segment: Segment, filtering: Filtering, grid: Array) -> Arra
     tau = log.tau[near]
     if not any(filtering.lags):
         return signals.resample(t, tau, grid)
-    return np.column_stack([signals.resample(t + lag, x[:, None], grid) for lag, x in zip(filtering.lags, tau.T)])
+    return np.column_stack(
+        [signals.resample(t + lag, x[:, None], grid) for lag, x in zip(filtering.lags, tau.T)]
+    )
 
 
 class UnfilteredTorque(NamedTuple):
@@ -299,7 +326,12 @@ class UnfilteredTorque(NamedTuple):
         cutoff = filtering.cutoff * filtering.smoothing
         sections = signals.lowpass(cutoff, 1 / segment.dt)
         return UnfilteredTorque(
-            log.t[near] + _compute_torque_delay(filtering, segment.dt), log.tau[near], grid, sections, step, cutoff
+            log.t[near] + _compute_torque_delay(filtering, segment.dt),
+            log.tau[near],
+            grid,
+            sections,
+            step,
+            cutoff,
         )
 
     def smoothed(self, torque: Array) -> Array:
@@ -312,20 +344,31 @@ def compute_lost_impulse(segment: Segment, filtering: Filtering, grid: Array) ->
     """``∫τ dt - h * ∫τ dt``: what the smoother h takes off the torque's impulse, N m s, (m, n)."""
     tau = resample_torque(segment, filtering, grid)
     whole = cumulative_trapezoid(tau, dx=segment.dt, axis=0, initial=0.0)
-    return whole - signals.zero_phase(whole, signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / segment.dt))
+    return whole - signals.zero_phase(
+        whole, signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / segment.dt)
+    )
 
 
-def _resample_base_motion(log: Log, base_link: str, near: slice, grid: Array, sections: Array) -> Platform:
+def _resample_base_motion(
+    log: Log, base_link: str, near: slice, grid: Array, sections: Array
+) -> Platform:
     """Return the base's motion on a uniform grid, smoothed like the other channels."""
     imu = log.imus[base_link]
     t = log.t[near]
     if imu.gyro is None or imu.accel is None:
-        raise UsageError(log.name, f"lacks the gyro or the accelerometer of {base_link}", "give both, or neither")
-    w, f = (signals.zero_phase(signals.resample(t, x[near], grid), sections) for x in (imu.gyro, imu.accel))
+        raise UsageError(
+            log.name, f"lacks the gyro or the accelerometer of {base_link}", "give both, or neither"
+        )
+    w, f = (
+        signals.zero_phase(signals.resample(t, x[near], grid), sections)
+        for x in (imu.gyro, imu.accel)
+    )
     return Platform(grid, f, w, signals.differentiate(w, float(grid[1] - grid[0])))
 
 
-def _fuse_rates(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) -> tuple[Array, Array]:
+def _fuse_rates(
+    derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float
+) -> tuple[Array, Array]:
     """Combine the angle's derivative with the measured rate; return rate and its standard deviation.
 
     The derivative of an angle with white noise σ_q is the better rate below the frequency where 2π f σ_q = σ_v, the

@@ -98,7 +98,9 @@ def factor_rows(blocks: Iterable[Block], weights: Iterable[Array] | None = None)
     return merge_factors(factor_each_block(blocks, weights))
 
 
-def factor_each_block(blocks: Iterable[Block], weights: Iterable[Array] | None = None) -> Iterator[Array]:
+def factor_each_block(
+    blocks: Iterable[Block], weights: Iterable[Array] | None = None
+) -> Iterator[Array]:
     """Yield per block of time the triangular factors R of each joint's [A b], (n, k + 1, k + 1).
 
     ``RᵀR = [A b]ᵀ[A b]``, the Gram matrix, without ever forming the product, which would square the condition number.
@@ -127,7 +129,9 @@ def merge_factors(factors: Iterable[Array]) -> Array:
     merged = next(each)
     for newer in each:
         # Rows of zeros cost nothing.
-        merged = np.stack([triangularise(np.vstack([R, new[new.any(axis=1)]])) for R, new in zip(merged, newer)])
+        merged = np.stack(
+            [triangularise(np.vstack([R, new[new.any(axis=1)]])) for R, new in zip(merged, newer)]
+        )
     return merged
 
 
@@ -193,10 +197,14 @@ def solve_factors(factors: Array, scale: Array, prior: Array | None = None) -> S
     inverse = np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0)
     theta = right.T @ (inverse * (left.T @ y)) / unit
     information = (right.T * inverse**2) @ right / np.outer(unit, unit)
-    blind = (np.abs(right[~seen]) > 1e-6).any(axis=0) if (~seen).any() else np.zeros(len(theta), bool)
+    blind = (
+        (np.abs(right[~seen]) > 1e-6).any(axis=0) if (~seen).any() else np.zeros(len(theta), bool)
+    )
     information[blind, :] = information[:, blind] = 0.0
     information[blind, blind] = np.inf
-    return Solution(theta, information, float(values[0] / values[-1]) if seen.all() else float("inf"))
+    return Solution(
+        theta, information, float(values[0] / values[-1]) if seen.all() else float("inf")
+    )
 
 
 def weigh_and_solve(
@@ -224,7 +232,9 @@ def weigh_joints(power: Array) -> Array:
 
     A joint that never moved has no residual: without a floor it would take all the weight.
     """
-    return np.asarray(1.0 / np.sqrt(np.maximum(power, 1e-6 * power.max() + 1e-30)), dtype=np.float64)
+    return np.asarray(
+        1.0 / np.sqrt(np.maximum(power, 1e-6 * power.max() + 1e-30)), dtype=np.float64
+    )
 
 
 def compute_gain(blocks: Sequence[Block], estimate: Estimate) -> tuple[Array, Array]:
@@ -252,7 +262,11 @@ def compute_residuals(block: Block, theta: Array) -> Array:
 
 
 def compute_covariance(
-    blocks: Sequence[Block], solution: Solution, scale: Array, prior: Array | None = None, past: PastRows | None = None
+    blocks: Sequence[Block],
+    solution: Solution,
+    scale: Array,
+    prior: Array | None = None,
+    past: PastRows | None = None,
 ) -> Array:
     """Covariance of weighted least squares under coloured, joint-wise different residuals, (k, k).
 
@@ -267,7 +281,9 @@ def compute_covariance(
         past: As for `solve`.
     """
     gain = solution.gain
-    out = compute_coloured_covariance(blocks, [block.A for block in blocks], solution.theta, gain, scale**2)
+    out = compute_coloured_covariance(
+        blocks, [block.A for block in blocks], solution.theta, gain, scale**2
+    )
     if prior is not None:
         half = prior[:, :-1] @ gain
         out = out + half.T @ half
@@ -302,7 +318,9 @@ def solve(
         factors = merge_factors([past.factors[:, :, :-1], factors])
         count = count + past.count
     if scale is None:
-        found, power, scale = weigh_and_solve(factors, lambda x: compute_residual_power(factors, x, count), prior)
+        found, power, scale = weigh_and_solve(
+            factors, lambda x: compute_residual_power(factors, x, count), prior
+        )
     else:
         found = solve_factors(factors, scale, prior)
         power = compute_residual_power(factors, found.theta, count)
@@ -330,14 +348,22 @@ def fit_robust(blocks: Sequence[Block]) -> Estimate:
     theta = fit_weighted(blocks).theta
     for _ in range(HUBER_PASSES):
         errors = [np.abs(compute_residuals(block, theta)) for block in blocks]
-        middle = [np.median(np.append(x[rows], 0.0)) for x, rows in zip(np.concatenate(errors).T, used.T)]
+        middle = [
+            np.median(np.append(x[rows], 0.0)) for x, rows in zip(np.concatenate(errors).T, used.T)
+        ]
         sigma = np.maximum(np.array(middle) / 0.6745, 1e-12)
-        weights = [np.sqrt(np.minimum(1.0, HUBER * sigma / np.maximum(error, 1e-300))) for error in errors]
+        weights = [
+            np.sqrt(np.minimum(1.0, HUBER * sigma / np.maximum(error, 1e-300))) for error in errors
+        ]
         factors = factor_rows(blocks, weights)
         theta = solve_factors(factors, 1.0 / sigma).theta
     weighted = [
-        block._replace(A=block.A * weight[:, :, None], b=block.b * weight, share=block.share * weight)
+        block._replace(
+            A=block.A * weight[:, :, None], b=block.b * weight, share=block.share * weight
+        )
         for block, weight in zip(blocks, weights)
     ]
     power = compute_residual_power(factors, theta, count_effective_rows(blocks))
-    return replace(solve(weighted, scale=1.0 / sigma, method=Method.ROBUST), residual_std=np.sqrt(power))
+    return replace(
+        solve(weighted, scale=1.0 / sigma, method=Method.ROBUST), residual_std=np.sqrt(power)
+    )

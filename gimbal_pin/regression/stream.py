@@ -13,8 +13,20 @@ import numpy as np
 
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression.design import Block, Design
-from gimbal_pin.regression.missing_samples import GAP_SIDE, LONGEST_GAP, compute_gap_length, fill_gaps, holes
-from gimbal_pin.regression.samples import Filtering, Segment, compute_reach, compute_row_step, compute_settling_time
+from gimbal_pin.regression.missing_samples import (
+    GAP_SIDE,
+    LONGEST_GAP,
+    compute_gap_length,
+    fill_gaps,
+    holes,
+)
+from gimbal_pin.regression.samples import (
+    Filtering,
+    Segment,
+    compute_reach,
+    compute_row_step,
+    compute_settling_time,
+)
 from gimbal_pin.rig.brief import brief
 
 WINDOW_ROWS = 3
@@ -68,13 +80,17 @@ def join_logs(logs: Sequence[Log]) -> Log:
     first = logs[0]
     t, q = (np.concatenate([getattr(log, name) for log in logs]) for name in ("t", "q"))
     v, tau = (
-        None if getattr(first, name) is None else np.concatenate([getattr(log, name) for log in logs])
+        None
+        if getattr(first, name) is None
+        else np.concatenate([getattr(log, name) for log in logs])
         for name in ("v", "tau")
     )
     return Log(first.name, first.joints, t, q, v, tau)
 
 
-def read_window(design: Design, recording: Recording, ended: bool = False) -> tuple[list[Block], Recording] | None:
+def read_window(
+    design: Design, recording: Recording, ended: bool = False
+) -> tuple[list[Block], Recording] | None:
     """Return the rows of the next window and the recording after it; None while it is not whole.
 
     What is looked at ends at a time, whatever else has come: rows do not depend on how the samples were cut. Where
@@ -89,7 +105,11 @@ def read_window(design: Design, recording: Recording, ended: bool = False) -> tu
     dt = recording.dt
     t = recording.log.t
     until = recording.compute_due(filtering)
-    stop = len(t) if ended else _find_end(t, until, compute_gap_length(dt, filtering.cutoff), filtering.cutoff)
+    stop = (
+        len(t)
+        if ended
+        else _find_end(t, until, compute_gap_length(dt, filtering.cutoff), filtering.cutoff)
+    )
     if stop is None:
         return None
     seen, closed = fill_gaps(recording.log.part(slice(0, stop)), filtering.cutoff)
@@ -99,10 +119,14 @@ def read_window(design: Design, recording: Recording, ended: bool = False) -> tu
     end = int(gaps[0]) + 1 if has_gap else len(seen)
     length = recording.count_window(filtering)
     if has_gap or ended:
-        length = min(length, int((seen.t[end - 1] - recording.start) / dt * (1 + 1e-9)) + 1 - recording.first)
+        length = min(
+            length, int((seen.t[end - 1] - recording.start) / dt * (1 + 1e-9)) + 1 - recording.first
+        )
     if ended and not has_gap and length <= 2 * count_padding(filtering, dt):
         return None
-    segment = Segment(seen, slice(0, end), recording.start + recording.first * dt, dt, length, closed)
+    segment = Segment(
+        seen, slice(0, end), recording.start + recording.first * dt, dt, length, closed
+    )
     blocks = list(design.build_blocks(segment))
     if has_gap:
         rest = recording.log.part(slice(int(np.searchsorted(t, seen.t[end])), None))
@@ -118,7 +142,10 @@ def _find_end(t: Array, until: float, gap: float, cutoff: float) -> int | None:
     """Count the samples up to the first one after a time, or after what tells the motion behind each gap before it."""
     while (last := int(np.searchsorted(t, until, side="right"))) < len(t):
         behind = t[1 : last + 1][np.diff(t[: last + 1]) > gap]
-        if not len(behind) or (context := float(behind[-1]) + 2 * GAP_SIDE * LONGEST_GAP / cutoff) <= until:
+        if (
+            not len(behind)
+            or (context := float(behind[-1]) + 2 * GAP_SIDE * LONGEST_GAP / cutoff) <= until
+        ):
             return last + 1
         until = context
     return None

@@ -76,9 +76,19 @@ class Chart:
         for x in self.curves:
             plots.curve(axes, self.t, x.values, color=x.colour, lw=0.8 * x.width, dashes=x.dashes)
             if x.half is not None:
-                axes.fill_between(self.t, x.values - x.half, x.values + x.half, color=x.colour, alpha=0.25)
-        plots.put_legend(axes, [(x.name, x.colour) for x in self.curves], [x.name for x in self.curves if x.dashes])
-        axes.set(xlabel=self.over, ylabel="\n".join(filter(None, (self.title, self.label))), xlim=self.t[[0, -1]])
+                axes.fill_between(
+                    self.t, x.values - x.half, x.values + x.half, color=x.colour, alpha=0.25
+                )
+        plots.put_legend(
+            axes,
+            [(x.name, x.colour) for x in self.curves],
+            [x.name for x in self.curves if x.dashes],
+        )
+        axes.set(
+            xlabel=self.over,
+            ylabel="\n".join(filter(None, (self.title, self.label))),
+            xlim=self.t[[0, -1]],
+        )
         axes.set(**{f"{axis}scale": "log" for axis in self.log})
 
     def tabulate(self, most: int = 3000) -> Array:
@@ -93,7 +103,12 @@ class Chart:
             kept = [plots.thinned(order, curve.values, each)[0] for curve in self.curves]
             rows = np.unique(np.concatenate(kept)).astype(int)
         bands = ((x.values - x.half, x.values + x.half) for x in self.curves if x.half is not None)
-        columns = [self.t - self.t[0], *self.abscissae.values(), *(x.values for x in self.curves), *chain(*bands)]
+        columns = [
+            self.t - self.t[0],
+            *self.abscissae.values(),
+            *(x.values for x in self.curves),
+            *chain(*bands),
+        ]
         return np.stack(columns)[:, rows].astype("<f4")
 
 
@@ -118,7 +133,9 @@ class Charts:
     def draw(self) -> Figure:
         """Draw them, as paper shows them: a legend above each."""
         rows = len(self.rows)
-        figure, panels = plots.panels(rows, len(self.rows[0]), 0.6 + 1.9 * rows, left=1.05, gaps=(1.1, 0.75))
+        figure, panels = plots.panels(
+            rows, len(self.rows[0]), 0.6 + 1.9 * rows, left=1.05, gaps=(1.1, 0.75)
+        )
         for axes, chart in zip(panels.ravel(), chain(*self.rows)):
             chart.draw(axes)
         figure.align_ylabels()
@@ -139,14 +156,21 @@ class Charts:
                 "abscissae": [chart.over, *chart.abscissae],
                 "log": chart.log,
                 "curves": [
-                    {"name": x.name, "colour": own.get(x.colour, x.colour), "width": x.width, "dashes": x.dashes}
+                    {
+                        "name": x.name,
+                        "colour": own.get(x.colour, x.colour),
+                        "width": x.width,
+                        "dashes": x.dashes,
+                    }
                     | {"is_banded": x.half is not None}
                     for x in chart.curves
                 ],
             }
             for chart, table in zip(every, tables)
         ]
-        packed = base64.b64encode(zlib.compress(b"".join(table.tobytes() for table in tables), 9)).decode()
+        packed = base64.b64encode(
+            zlib.compress(b"".join(table.tobytes() for table in tables), 9)
+        ).decode()
         said = hash_clock(self.clock), json.dumps(drawn, ensure_ascii=False), packed
         html = Markup(
             '<div class="charts" style="--across:{}" data-clock="{}" data-charts="{}" data-deflated="{}"></div>'

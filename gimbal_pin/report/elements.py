@@ -89,17 +89,27 @@ class Table:
         """Return it as an element of a page."""
         top = Markup("<caption>{}</caption>").format(self.caption) if self.caption else ""
         kinds = ["text" if k < self.texts else "number" for k in range(len(self.head))]
-        heads = join(Markup('<th scope="col" class="{}">{}</th>').format(*pair) for pair in zip(kinds, self.head))
+        heads = join(
+            Markup('<th scope="col" class="{}">{}</th>').format(*pair)
+            for pair in zip(kinds, self.head)
+        )
         body = [
             Markup('<tr><th scope="row">{}</th>{}</tr>').format(
                 filled(row[0]),
-                join(Markup('<td class="{}">{}</td>').format(kind, filled(x)) for kind, x in zip(kinds[1:], row[1:])),
+                join(
+                    Markup('<td class="{}">{}</td>').format(kind, filled(x))
+                    for kind, x in zip(kinds[1:], row[1:])
+                ),
             )
             for row in self.rows
         ]
-        inside = Markup("<table>{}<thead><tr>{}</tr></thead><tbody>{}</tbody></table>").format(top, heads, join(body))
+        inside = Markup("<table>{}<thead><tr>{}</tr></thead><tbody>{}</tbody></table>").format(
+            top, heads, join(body)
+        )
         label = self.caption or self.label or "Table"
-        return Markup('<div class="table" tabindex="0" role="region" aria-label="{}">{}</div>').format(label, inside)
+        return Markup(
+            '<div class="table" tabindex="0" role="region" aria-label="{}">{}</div>'
+        ).format(label, inside)
 
     def __str__(self) -> str:
         """Return it as lines in aligned columns under its caption, long cells cut."""
@@ -107,7 +117,9 @@ class Table:
         lines = [[first, *(shortened(cell, LONGEST) for cell in rest)] for first, *rest in lines]
         folded = []
         for first, *rest in lines:
-            some, *more = wrap(first, WIDEST, break_long_words=False, break_on_hyphens=False) or [""]
+            some, *more = wrap(first, WIDEST, break_long_words=False, break_on_hyphens=False) or [
+                ""
+            ]
             folded += [[some, *rest], *([f"  {part}", *[""] * len(rest)] for part in more)]
         widths = [max(map(len, column)) for column in zip(*folded)]
         aligned = [
@@ -148,9 +160,17 @@ class Section:
         lines = list[str]()
         after_table = False
         for one in self.parts:
-            text = "" if isinstance(one, Markup) or (getattr(one, "is_detail", False) and not detailed) else str(one)
+            text = (
+                ""
+                if isinstance(one, Markup) or (getattr(one, "is_detail", False) and not detailed)
+                else str(one)
+            )
             if text:
-                apart = bool(lines) and (after_table or isinstance(one, Table)) and not text.startswith("\n")
+                apart = (
+                    bool(lines)
+                    and (after_table or isinstance(one, Table))
+                    and not text.startswith("\n")
+                )
                 lines += [""] * apart + [text]
                 after_table = isinstance(one, Table)
         return "\n".join(lines)
@@ -172,7 +192,9 @@ class Folded:
 
     def __html__(self) -> str:
         """Return it as an element of a page."""
-        return Markup("<details><summary>{}</summary>{}</details>").format(self.summary, join(self.parts))
+        return Markup("<details><summary>{}</summary>{}</details>").format(
+            self.summary, join(self.parts)
+        )
 
     def __str__(self) -> str:
         """Return the lines of what opens under the summary."""
@@ -209,9 +231,18 @@ class Document:
     def _fill(self, name: str, sections: Sequence[Section]) -> str:
         """Return a template filled with sections."""
         bar = tqdm(sections, desc="report", unit="section", disable=None, leave=False)
-        drawn = [(one.title, one.lead, one.html, one.is_detail or one.is_folded) for one in bar if one.parts]
+        drawn = [
+            (one.title, one.lead, one.html, one.is_detail or one.is_folded)
+            for one in bar
+            if one.parts
+        ]
         has_charts = any('<div class="charts"' in html for _, _, html, _ in drawn)
-        values = {"title": self.title, "subtitle": self.subtitle, "sections": drawn, "origin": self.origin}
+        values = {
+            "title": self.title,
+            "subtitle": self.subtitle,
+            "sections": drawn,
+            "origin": self.origin,
+        }
         return template("gimbal_pin.report", name, **values, has_charts=has_charts, load=load_file)
 
     def write(self, path: str | Path) -> None:
@@ -221,7 +252,11 @@ class Document:
     def animate(self, path: str | Path | None) -> object:
         """Return its animation, and write it where a path is given; `UsageError` where nothing moves."""
         if self.scene is None:
-            raise UsageError("animate", f"has nothing that moves of {self.title}", "give animate() a rig and a log")
+            raise UsageError(
+                "animate",
+                f"has nothing that moves of {self.title}",
+                "give animate() a rig and a log",
+            )
         return self.scene(path)
 
     def draw(self) -> Figure:
@@ -231,7 +266,9 @@ class Document:
             if draw := getattr(part, "draw", None):
                 figure: Figure = draw()
                 return figure
-        raise UsageError("plot", f"has nothing to draw of {self.title}", "what it holds is in to_frame()")
+        raise UsageError(
+            "plot", f"has nothing to draw of {self.title}", "what it holds is in to_frame()"
+        )
 
 
 def join_documents(several: Sequence[Document]) -> Document:
@@ -295,13 +332,22 @@ def template(package: str, name: str, **values: Any) -> str:
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     loader = FunctionLoader(lambda part: files(package).joinpath(part).read_text(encoding="utf-8"))
-    looks: Any = {"autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
+    looks: Any = {
+        "autoescape": True,
+        "undefined": StrictUndefined,
+        "trim_blocks": True,
+        "lstrip_blocks": True,
+    }
     return Environment(loader=loader, **looks).get_template(name).render(**values)
 
 
 def paragraph(text: Content, kind: str = "") -> Element:
     """Return a paragraph."""
-    html = Markup('<p class="{}">{}</p>').format(kind, text) if kind else Markup("<p>{}</p>").format(text)
+    html = (
+        Markup('<p class="{}">{}</p>').format(kind, text)
+        if kind
+        else Markup("<p>{}</p>").format(text)
+    )
     return Element(html, plain(text))
 
 
@@ -313,7 +359,9 @@ def heading(text: Content) -> Element:
 def bullets(items: Iterable[Content], *, is_detail: bool = False) -> Element:
     """Return a list."""
     several = list(items)
-    html = Markup("<ul>{}</ul>").format(join(Markup("<li>{}</li>").format(item) for item in several))
+    html = Markup("<ul>{}</ul>").format(
+        join(Markup("<li>{}</li>").format(item) for item in several)
+    )
     return Element(html, "\n".join(f"  {plain(item)}" for item in several), is_detail)
 
 
@@ -325,18 +373,26 @@ def toned(text: Content, tone: str) -> Content:
 def bar(share: float, text: str) -> Markup:
     """Return a text over a bar whose length is a share in [0, 1]."""
     width = 100 * min(max(share, 0.0), 1.0)
-    return Markup('<span class="bar"><i style="width:{:.1f}%"></i><b>{}</b></span>').format(width, text)
+    return Markup('<span class="bar"><i style="width:{:.1f}%"></i><b>{}</b></span>').format(
+        width, text
+    )
 
 
 def cards(several: Sequence[Card], *, is_detail: bool = True) -> Element:
     """Return headline numbers side by side, in rows of equal length; in a terminal below each other."""
     one = Markup('<div class="card {}"><span>{}</span><strong>{}</strong><small>{}</small></div>')
     inside = join(one.format(card.tone, card.label, card.value, card.note) for card in several)
-    labels, values = (max(map(len, column)) for column in zip(*((card.label, card.value) for card in several)))
-    lines = "\n".join(f"{one.label:<{labels}}  {one.value:<{values}}  {one.note}" for one in several)
+    labels, values = (
+        max(map(len, column)) for column in zip(*((card.label, card.value) for card in several))
+    )
+    lines = "\n".join(
+        f"{one.label:<{labels}}  {one.value:<{values}}  {one.note}" for one in several
+    )
     columns = min(range(2, 6), key=lambda k: (-len(several) % k, -k))
     return Element(
-        Markup('<div class="cards" style="--columns:{}">{}</div>').format(columns, inside), f"\n{lines}", is_detail
+        Markup('<div class="cards" style="--columns:{}">{}</div>').format(columns, inside),
+        f"\n{lines}",
+        is_detail,
     )
 
 
@@ -357,7 +413,9 @@ def embed(page: str, title: str, kind: str, clock: str) -> Markup:
     Browsers inflate it once it is read. `clock`: name of the run that it plays, see `charts.Charts`.
     """
     packed = base64.b64encode(zlib.compress(page.encode(), 9)).decode()
-    frame = Markup('<iframe class="{}" title="{}" data-clock="{}" data-deflated="{}" allow="fullscreen"></iframe>')
+    frame = Markup(
+        '<iframe class="{}" title="{}" data-clock="{}" data-deflated="{}" allow="fullscreen"></iframe>'
+    )
     return frame.format(kind, title, hash_clock(clock), packed) + INFLATE
 
 

@@ -162,7 +162,11 @@ class KnownParameter:
     @property
     def tone(self) -> str:
         """What its uncertainty does: to the torque where that is known, else to its value."""
-        doubt = self.half / max(abs(self.value), 1e-300) / 4 if self.share is None else self.half * self.share
+        doubt = (
+            self.half / max(abs(self.value), 1e-300) / 4
+            if self.share is None
+            else self.half * self.share
+        )
         return "poor" if doubt > BAD_SHARE else "fair" if doubt > HARMLESS_SHARE else ""
 
     @property
@@ -171,13 +175,19 @@ class KnownParameter:
         if self.std == 0:
             return DASH
         seen = abs(self.value) > self.half
-        return toned(f"{figures(100 * self.half / abs(self.value), 2)} %" if seen else "like zero", self.tone)
+        return toned(
+            f"{figures(100 * self.half / abs(self.value), 2)} %" if seen else "like zero", self.tone
+        )
 
 
 def find_tables(found: Identified) -> dict[TorqueTable, range]:
     """Return tables of torque → where their values stand among the parameters, too many for a line each."""
-    ends = len(found.reduction.independent) + np.cumsum([0, *(len(term.values) for term in found.model.terms)])
-    places = zip((term.effect for term in found.model.terms), map(range, ends.tolist(), ends[1:].tolist()))
+    ends = len(found.reduction.independent) + np.cumsum(
+        [0, *(len(term.values) for term in found.model.terms)]
+    )
+    places = zip(
+        (term.effect for term in found.model.terms), map(range, ends.tolist(), ends[1:].tolist())
+    )
     return {effect: place for effect, place in places if isinstance(effect, TorqueTable)}
 
 
@@ -196,10 +206,13 @@ def known(found: Identified, evaluated: Evaluated | None = None) -> list[KnownPa
     joints = list_shown_joints(rig)
     by_link = {link: joint.colour for link, joint in zip(rig.links, joints)}
     by_joint = {joint.name: joint.colour for joint in joints}
-    colours = [by_link[found.reduction.names[j].rsplit(".", 1)[0]] for j in found.reduction.independent]
+    colours = [
+        by_link[found.reduction.names[j].rsplit(".", 1)[0]] for j in found.reduction.independent
+    ]
     colours += [by_joint[term.effect.joint] for term in found.model.terms for _ in term.values]
     figures_of = (found.estimate.theta, found.estimate.std, found.stated, found.moved)
     value, std, given, away = (x.tolist() for x in figures_of)
     return [
-        KnownParameter(*row) for row in zip(found.names, value, std, found.units, given, away, reach, share, colours)
+        KnownParameter(*row)
+        for row in zip(found.names, value, std, found.units, given, away, reach, share, colours)
     ]

@@ -170,7 +170,9 @@ class ShownJoint:
     @property
     def label(self) -> Markup:
         """Its name behind a dot of its colour."""
-        return Markup('<span class="joint"><i style="background:{}"></i>{}</span>').format(self.colour, self.name)
+        return Markup('<span class="joint"><i style="background:{}"></i>{}</span>').format(
+            self.colour, self.name
+        )
 
     def text(self, value: float, per: str = "", digits: int = 3) -> str:
         """Return an angle or position, or a rate with `per` = "/s", with its unit; a dash if it is not finite."""
@@ -186,7 +188,9 @@ def list_shown_joints(rig: Rig) -> tuple[ShownJoint, ...]:
     """Return the rig's joints as they are shown."""
     colours = joint_colours(rig.joints)
     looks = ((1e3, "mm") if slides else (DEGREE, "°") for slides in rig.slides)
-    return tuple(ShownJoint(name, colour, *look) for name, colour, look in zip(rig.joints, colours, looks))
+    return tuple(
+        ShownJoint(name, colour, *look) for name, colour, look in zip(rig.joints, colours, looks)
+    )
 
 
 def units(joints: Sequence[ShownJoint]) -> str:
@@ -203,7 +207,12 @@ def joint_colours(joints: Sequence[str]) -> tuple[str, ...]:
     """Return a colour per joint: the one that its name claims, else the first that no joint has claimed."""
     claimed = [
         next(
-            (colour for words, colour in zip(AXIS_WORDS, PALETTE) if any(word in joint.lower() for word in words)), None
+            (
+                colour
+                for words, colour in zip(AXIS_WORDS, PALETTE)
+                if any(word in joint.lower() for word in words)
+            ),
+            None,
         )
         for joint in joints
     ]

@@ -45,9 +45,12 @@ class LoopPicture:
         charts = self.make_charts()
         drawn = plots.Drawing(charts.draw, alt, caption, charts=self.make_charts)
         near = (
-            "The further the curves stay from −1, the safer: all keep clear of the disk, the worst draws (thin), too."
+            "The further the curves stay from −1, the safer: all keep clear of the disk, the "
+            "worst draws (thin), too."
         )
-        return join([drawn, plots.Drawing(self.draw_nyquist, f"Nyquist diagrams of {joints}", near)])
+        return join(
+            [drawn, plots.Drawing(self.draw_nyquist, f"Nyquist diagrams of {joints}", near)]
+        )
 
     def __str__(self) -> str:
         """Return no lines."""
@@ -79,8 +82,18 @@ class LoopPicture:
                 "x",
                 [(x.frequency, 20 * np.log10(abs(x.response))) for x in self.curves],
             ),
-            ("phase, °", "frequency, Hz", "x", [(x.frequency, compute_phase(x.response)) for x in self.curves]),
-            ("error after 1 rad/s², mrad", "time, ms", "", [(1e3 * x.t, x.answer) for x in self.curves]),
+            (
+                "phase, °",
+                "frequency, Hz",
+                "x",
+                [(x.frequency, compute_phase(x.response)) for x in self.curves],
+            ),
+            (
+                "error after 1 rad/s², mrad",
+                "time, ms",
+                "",
+                [(1e3 * x.t, x.answer) for x in self.curves],
+            ),
         ):
             every = np.unique(np.concatenate([x for x, _ in drawn]))
             traces = [
@@ -117,7 +130,14 @@ class LoopPicture:
         least = min(one.margins.disk_margin for one in self.curves)
         axes.fill(*compute_disk(least).T, color=plots.PLAIN, alpha=0.3)
         axes.plot(-1, 0, "+", color=plots.INK)
-        axes.set(xlabel="real", ylabel="imaginary", xlim=(-3, 1), ylim=(-2, 2), aspect="equal", anchor="W")
+        axes.set(
+            xlabel="real",
+            ylabel="imaginary",
+            xlim=(-3, 1),
+            ylim=(-2, 2),
+            aspect="equal",
+            anchor="W",
+        )
         axes.set_title("Nyquist; thin: the worst")
         axes.legend(loc="upper left", bbox_to_anchor=(1, 1))
 

@@ -33,10 +33,19 @@ class Origin:
         line = Markup("{} · gimbal_pin {} · <code>{}</code>").format(
             f"{self.time:%Y-%m-%d %H:%M %Z}", __version__, self.command
         )
-        rows = [[name, Markup("<code>{}</code>").format(digest[:12])] for name, digest in self.inputs]
+        rows = [
+            [name, Markup("<code>{}</code>").format(digest[:12])] for name, digest in self.inputs
+        ]
         links = Markup(", ").join(
-            Markup('<a href="{}">{}</a> ({})').format(name, name, what) for what, name in self.files.items()
+            Markup('<a href="{}">{}</a> ({})').format(name, name, what)
+            for what, name in self.files.items()
         )
-        parts = [Table(["Read", "SHA-256 begins with"], rows, texts=2, label="Files that were read")] if rows else []
+        parts = (
+            [Table(["Read", "SHA-256 begins with"], rows, texts=2, label="Files that were read")]
+            if rows
+            else []
+        )
         more = [Markup("<p>Written beside this page: {}.</p>").format(links)] if links else []
-        return Markup('<details class="origin"><summary>{}</summary>{}</details>').format(line, join([*parts, *more]))
+        return Markup('<details class="origin"><summary>{}</summary>{}</details>').format(
+            line, join([*parts, *more])
+        )

@@ -31,7 +31,14 @@ from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.format import figures, file_name, list_shown_joints
 from gimbal_pin.report.sections.camera import name_clock, show_camera
 from gimbal_pin.report.sections.control import show_controller, show_judgement, show_tracking
-from gimbal_pin.report.sections.data import picture_log, show_base, show_check, show_file, show_logs, show_rig
+from gimbal_pin.report.sections.data import (
+    picture_log,
+    show_base,
+    show_check,
+    show_file,
+    show_logs,
+    show_rig,
+)
 from gimbal_pin.report.sections.diagnosis import find_worst_stretch, picture_torques, show_diagnosis
 from gimbal_pin.report.sections.excitation import show_excitation, show_expectation, show_rehearsal
 from gimbal_pin.report.sections.fleet import describe_fleet, describe_monte_carlo
@@ -69,14 +76,22 @@ def build_document(
     """
     moved = partial(animate, rig.stated, logs[0]) if logs and scene is None else scene
     inputs = [show_logs(rig, logs)] if logs else []
-    return Document(rig.title, rig.config.description, [*sections, *inputs, show_rig(rig.stated, weighed)], scene=moved)
+    return Document(
+        rig.title,
+        rig.config.description,
+        [*sections, *inputs, show_rig(rig.stated, weighed)],
+        scene=moved,
+    )
 
 
 @describe_record.register
 def describe_identified(found: Identified) -> Document:
     """Return the parameters, and the torque that they predict; pictures where the logs are at hand."""
     evaluated = evaluate(found, found.data) if found.data else None
-    sections = [show_parameters(found, compare_payload(found, found.mass), evaluated), show_torque(found, evaluated)]
+    sections = [
+        show_parameters(found, compare_payload(found, found.mass), evaluated),
+        show_torque(found, evaluated),
+    ]
     return build_document(found.model.rig, sections, found.data, found.mass)
 
 
@@ -85,8 +100,12 @@ def describe_diagnosis(found: Diagnosis) -> Document:
     """Return what the simulation gets wrong."""
     lead = "A link is the redder, the more torque the refitted model leaves at the joint that moves it."
     is_played = found.held is not None and bool(found.data)
-    played = [Section("Animation", [PlayedResidual(found)], lead, is_detail=True)] if is_played else []
-    return build_document(found.after.rig, [show_diagnosis(found), *played], found.data, found.given.weighed)
+    played = (
+        [Section("Animation", [PlayedResidual(found)], lead, is_detail=True)] if is_played else []
+    )
+    return build_document(
+        found.after.rig, [show_diagnosis(found), *played], found.data, found.given.weighed
+    )
 
 
 @describe_record.register
@@ -121,7 +140,9 @@ def describe_judgement(found: Judgement) -> Document:
 def describe_tracking(found: Tracking) -> Document:
     """Return the steps of controllers."""
     return build_document(
-        found.rig, [show_tracking(found)], scene=partial(animate, found.rig, found.experiments[0].log)
+        found.rig,
+        [show_tracking(found)],
+        scene=partial(animate, found.rig, found.experiments[0].log),
     )
 
 
@@ -133,7 +154,9 @@ def describe_verified(found: Verified) -> Document:
     log = Log(name_clock(found), run.joints, run.t, run.q, tau=run.tau)
     drawn = picture_log(list_shown_joints(found.rig), log, "The whole run over time, simulated.")
     played = show_animation(partial(render_held, found), lead, log.name, drawn)
-    return build_document(found.rig, [show_camera(found), played], scene=partial(animate_held, found))
+    return build_document(
+        found.rig, [show_camera(found), played], scene=partial(animate_held, found)
+    )
 
 
 @describe_record.register
@@ -142,7 +165,9 @@ def describe_excitation(found: Excitation) -> Document:
     motion = found.motion
     tau = nominal(found.rig).inverse(motion.q, motion.v, motion.a)
     moved = Log("motion", found.joints, motion.t, motion.q, motion.v, tau)
-    drawn = picture_log(list_shown_joints(found.rig), moved, "The motion, and the torque that it takes by the URDF.")
+    drawn = picture_log(
+        list_shown_joints(found.rig), moved, "The motion, and the torque that it takes by the URDF."
+    )
     shown = show_excitation(found)
     sections = [replace(shown, parts=[*shown.parts, drawn])]
     return build_document(found.rig, sections, scene=partial(animate, found.rig, moved))
@@ -224,9 +249,9 @@ class PlayedPage:
 
     def __html__(self) -> str:
         """Return it as an element of a page."""
-        button = Markup('<button type="button" class="wide" onclick="{}">Full screen</button>').format(
-            "this.closest('.animation').querySelector('iframe').requestFullscreen()"
-        )
+        button = Markup(
+            '<button type="button" class="wide" onclick="{}">Full screen</button>'
+        ).format("this.closest('.animation').querySelector('iframe').requestFullscreen()")
         how = paragraph("Drag to turn, scroll to zoom; the bar plays, pauses and seeks.")
         whole = Markup('<div class="animation">{}<div class="below">{}{}</div></div>')
         return whole.format(embed(self.render(), "Animation", "scene", self.clock), how, button)
@@ -259,9 +284,17 @@ class PlayedResidual:
 
         count = len(self.found.data)
         ends = f"{figures(float(part.t[0]))} to {figures(float(part.t[-1]))} s"
-        of = f"of {count} logs that of which the model leaves most" if count > 1 else "all of the log"
+        of = (
+            f"of {count} logs that of which the model leaves most"
+            if count > 1
+            else "all of the log"
+        )
         said = of if len(part) == len(log) else f"{ends}, where the model leaves most"
-        return PlayedPage(render, log.name), picture_torques(self.found, log), f"Shown is {name}: {said}."
+        return (
+            PlayedPage(render, log.name),
+            picture_torques(self.found, log),
+            f"Shown is {name}: {said}.",
+        )
 
     def __html__(self) -> str:
         """Return it as an element of a page."""
@@ -277,7 +310,9 @@ class PlayedResidual:
         return self.parts[1].draw()
 
 
-def show_animation(render: Callable[[], str], lead: str, clock: str, drawn: plots.Drawing) -> Section:
+def show_animation(
+    render: Callable[[], str], lead: str, clock: str, drawn: plots.Drawing
+) -> Section:
     """Return a section that plays a recording in a frame of its own.
 
     `render` makes its page; `clock`: name of the run, whose curves `drawn` has.

@@ -139,7 +139,11 @@ class Auto(Record):
 
     def _report_identified(self) -> dict[str, Any]:
         """Return what `identify --json` writes."""
-        return report_with_payload(self.identified, self.payload) if self.camera is None else self.camera.to_dict()
+        return (
+            report_with_payload(self.identified, self.payload)
+            if self.camera is None
+            else self.camera.to_dict()
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the verbs' JSON side by side."""
@@ -148,7 +152,10 @@ class Auto(Record):
             "identify": self._report_identified(),
             "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
             "tune": {**self.tuning.to_dict(), "judged": self.judged.to_dict()},
-            "track": {**self.tracking.to_dict(), **({} if self.held is None else self.held.to_dict())},
+            "track": {
+                **self.tracking.to_dict(),
+                **({} if self.held is None else self.held.to_dict()),
+            },
             "not_held": self.why or None,
             "not_diagnosed": self.undiagnosed or None,
             "files": {what: str(path) for what, path in self.files.items()},
@@ -168,9 +175,13 @@ def describe_auto(found: Auto) -> Document:
     if wrong is not None:
         sections.append(show_diagnosis(wrong))
     if found.undiagnosed:
-        sections.append(Section(WRONG, [paragraph(f"These logs could not be diagnosed. {found.undiagnosed}.")]))
+        sections.append(
+            Section(WRONG, [paragraph(f"These logs could not be diagnosed. {found.undiagnosed}.")])
+        )
     lead = f"All axes to and fro under {controller_name(found.tuning.wish.kind)}; the ghost is the reference."
-    drawn = picture_log(list_shown_joints(found.model.rig), found.animated, "The same over time, simulated.")
+    drawn = picture_log(
+        list_shown_joints(found.model.rig), found.animated, "The same over time, simulated."
+    )
     sections += [
         show_animation(lambda: found.recording, lead, found.animated.name, drawn),
         show_parameters(identified, found.payload if wrong is None else None, evaluated),
@@ -192,7 +203,9 @@ def describe_outcome(found: Auto, verbose: bool = False) -> str:
     names = listed(path.name for what, path in found.files.items() if what != "report")
     path = found.files["report"]
     lie = f"open {path}; beside it in {path.parent}: {names}"
-    text = f"{describe_auto(found).to_text(detailed=True)}\n" if verbose else found.summary.describe()
+    text = (
+        f"{describe_auto(found).to_text(detailed=True)}\n" if verbose else found.summary.describe()
+    )
     return f"{text}\n{lie}"
 
 
@@ -243,13 +256,19 @@ def auto(
     fit = partial(identify, rig, logs, estimator=estimator, holdout=holdout, filtering=filtering)
     camera = None
     if known is not None:
-        camera = identify_new(rig, logs, known, estimator=estimator, holdout=holdout, filtering=filtering)
+        camera = identify_new(
+            rig, logs, known, estimator=estimator, holdout=holdout, filtering=filtering
+        )
         camera = replace(camera, mass=mass)
-    identified = fit(examined="noisy") if camera is None else replace(camera.first, data=tuple(logs))
+    identified = (
+        fit(examined="noisy") if camera is None else replace(camera.first, data=tuple(logs))
+    )
     generator, seed = make_generator(rng)
     wrong, undiagnosed = None, ""
     try:
-        wrong = planned(diagnose(rig, logs, rng=generator, holdout=holdout, mass=mass), rng=generator)
+        wrong = planned(
+            diagnose(rig, logs, rng=generator, holdout=holdout, mass=mass), rng=generator
+        )
     except DataError as error:
         undiagnosed = str(error)
     extended = wrong is not None and finds_more(wrong, known)
@@ -261,19 +280,52 @@ def auto(
     law = first.controller
     tracking = track(plant or model, laws, rng=generator, delay=late)
     judged = judge_controllers(model, laws, rng=generator, plants=plants, delay=asked.delay)
-    animated = simulate(model, law, tour(model, law.dt), rng=generator, name="all axes to and fro", delay=late)
-    held, why = (None, BARRED) if first.doubts else hold_camera(rig, logs[0], model, law, plant, asked.holding_samples)
+    animated = simulate(
+        model, law, tour(model, law.dt), rng=generator, name="all axes to and fro", delay=late
+    )
+    held, why = (
+        (None, BARRED)
+        if first.doubts
+        else hold_camera(rig, logs[0], model, law, plant, asked.holding_samples)
+    )
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     causes = refittable_effects(model) if extended else ()
     beside = fit(causes) if causes else None
     payload = compare_payload(identified, mass) if wrong is None else wrong.given
     if camera is not None and (wrong is None or not wrong.spoiling):
         (payload,) = camera.payloads.values()
-    head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed, judged, payload, held, why)
+    head = summary(
+        rig,
+        identified,
+        first,
+        tracking,
+        logs,
+        stood,
+        wrong,
+        undiagnosed,
+        judged,
+        payload,
+        held,
+        why,
+    )
     if camera is not None:
-        head = replace(head, doubts=(*(to_sentence(said) for said in identified.faults), *head.doubts))
+        head = replace(
+            head, doubts=(*(to_sentence(said) for said in identified.faults), *head.doubts)
+        )
     steps = identified, wrong, model, first, tracking, judged, animated
-    found = Auto(*steps, {}, stood, head, payload, held, why, undiagnosed, beside=beside, camera=camera, seed=seed)
+    found = Auto(
+        *steps,
+        {},
+        stood,
+        head,
+        payload,
+        held,
+        why,
+        undiagnosed,
+        beside=beside,
+        camera=camera,
+        seed=seed,
+    )
     return write_results(rig, found, Path(folder), run or {}, origin)
 
 
@@ -299,12 +351,16 @@ def hold_camera(
     if not rig.config.imus:
         return None, "the rig names no IMUs, which holding takes: imus in its YAML"
     try:
-        return verify(rig, plant=plant, known=model, law=law, log=log, seeds=1, seconds=HELD_FOR, delay=late), ""
+        return verify(
+            rig, plant=plant, known=model, law=law, log=log, seeds=1, seconds=HELD_FOR, delay=late
+        ), ""
     except UsageError as error:
         return None, str(error)
 
 
-def write_results(rig: Rig, found: Auto, folder: Path, run: Mapping[str, object], origin: Origin | None) -> Auto:
+def write_results(
+    rig: Rig, found: Auto, folder: Path, run: Mapping[str, object], origin: Origin | None
+) -> Auto:
     """Write every file into a folder; return the results with where they lie, and the notes of `write_run`.
 
     `origin`: what the report's head says of the call.
@@ -315,21 +371,30 @@ def write_results(rig: Rig, found: Auto, folder: Path, run: Mapping[str, object]
     diagnosed = {} if wrong is None or wrong.held is None else list_writers(wrong)
     absent = {"extended model", "next experiment", "camera"} - diagnosed.keys()
     absent -= {"camera"} if found.held is not None else set()
-    found = replace(found, files={what: folder / name for what, name in names.items() if what not in absent})
+    found = replace(
+        found, files={what: folder / name for what, name in names.items() if what not in absent}
+    )
     if origin is not None:
-        origin = replace(origin, files={what: path.name for what, path in found.files.items() if what != "report"})
+        origin = replace(
+            origin,
+            files={what: path.name for what, path in found.files.items() if what != "report"},
+        )
     writers: dict[str, Callable[[Path], object]] = {
         "model": partial(write_model, identified),
         "urdf": partial(atomic_write, content=(found.beside or identified).to_urdf()),
         "controller": partial(write_controller, found.tuning, folder=folder),
         "motion": partial(write_log, found.animated),
         "animation": partial(atomic_write, content=found.recording),
-        "report": partial(atomic_write, content=replace(describe_auto(found), origin=origin).to_html()),
+        "report": partial(
+            atomic_write, content=replace(describe_auto(found), origin=origin).to_html()
+        ),
         "results": partial(write_json, found.to_dict()),
     }
     if found.held is not None:
         writers["camera"] = partial(atomic_write, content=render_held(found.held))
-    notes = write_run(folder, {names[what]: write for what, write in (writers | diagnosed).items()}, run)
+    notes = write_run(
+        folder, {names[what]: write for what, write in (writers | diagnosed).items()}, run
+    )
     return replace(found, notes=notes)
 
 
@@ -337,7 +402,9 @@ def hidden(rig: Rig) -> Term | Signal | RigEffect:
     """Return what the demo hides: teeth of the first joint's motor, at one per cent of its largest torque."""
     limit = rig.tau_max[0] if np.isfinite(rig.tau_max[0]) else 1.0
     teeth = rig.motors[0].slots or TEETH
-    return parse_effect(f"cogging:{rig.joints[0]}:amplitude={COGGING * limit:.3g},harmonic={teeth}", rig)
+    return parse_effect(
+        f"cogging:{rig.joints[0]}:amplitude={COGGING * limit:.3g},harmonic={teeth}", rig
+    )
 
 
 def demo(

@@ -140,14 +140,25 @@ def drawn(make: Callable[[], Figure], alt: str) -> Markup:
         figure = make()
         plain_powers(figure)
         FigureCanvasSVG(figure).print_svg(out, metadata={"Date": None, "Creator": None})
-    text = re.sub(r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->", "", out.getvalue(), flags=re.S)
+    text = re.sub(
+        r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->",
+        "",
+        out.getvalue(),
+        flags=re.S,
+    )
     head, _, body = text[text.index("<svg") :].partition(">")
     body = re.sub(r'<g id="[^"]*"', "<g", body).replace("xlink:href", "href")
     body = re.sub(r">\s+<", "><", re.sub(r" font-family: [^;]*;", "", body))
-    body = re.sub(r"<[^>]*>", lambda tag: re.sub(r"\d+\.\d{3,}", lambda x: f"{float(x[0]):.1f}", tag[0]), body)
-    body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(?<=[MLCQ]) | ?\n|\.0(?=[ \n])", "", path[0]), body)
+    body = re.sub(
+        r"<[^>]*>", lambda tag: re.sub(r"\d+\.\d{3,}", lambda x: f"{float(x[0]):.1f}", tag[0]), body
+    )
+    body = re.sub(
+        r' d="[^"]*"', lambda path: re.sub(r"(?<=[MLCQ]) | ?\n|\.0(?=[ \n])", "", path[0]), body
+    )
     body = re.sub(r"M([\d.-]+ [\d.-]+)L\1(?=[M\"])", r"M\1h0", body)  # a dot
-    body = re.sub(r'(<path id="[^>]*?) style="[^"]*"', r"\1", body)  # of `use`, whose style a page's sheet reaches
+    body = re.sub(
+        r'(<path id="[^>]*?) style="[^"]*"', r"\1", body
+    )  # of `use`, whose style a page's sheet reaches
     (box,) = re.findall(r'viewBox="[^"]*"', head)
     return Markup(f'<svg {box} role="img" aria-label="{escape(alt)}">{body}')
 
@@ -162,7 +173,9 @@ def paint(figure: Figure) -> None:
             if isinstance(held, str | tuple) and (shade := DAYLIGHT.get(to_hex(held))):
                 getattr(artist, f"set_{name}")(shade)
             elif isinstance(held, np.ndarray) and held.ndim == 2 and len(held):
-                every = [(DAYLIGHT.get(to_hex(one), one[:3]), float(one[3])) for one in held.tolist()]
+                every = [
+                    (DAYLIGHT.get(to_hex(one), one[:3]), float(one[3])) for one in held.tolist()
+                ]
                 getattr(artist, f"set_{name}")(every)
 
 
@@ -220,7 +233,9 @@ def panels(
         left=left / WIDTH, right=1 - right / WIDTH, bottom=bottom / height, top=1 - top / height
     )
     grid |= dict(wspace=gaps[0] / wide, hspace=gaps[1] / high, height_ratios=ratios)
-    return figure, figure.subplots(rows, columns, squeeze=False, sharex=share[0], sharey=share[1], gridspec_kw=grid)
+    return figure, figure.subplots(
+        rows, columns, squeeze=False, sharex=share[0], sharey=share[1], gridspec_kw=grid
+    )
 
 
 def thinned(t: Array, values: Array, most: int = MOST_DRAWN_POINTS) -> tuple[Array, Array]:
@@ -259,7 +274,9 @@ def dots(axes: Axes, x: Array, y: Array, colour: str) -> None:
     xs = np.column_stack([x, x + 1e-9 * (np.ptp(x) or 1.0), np.full_like(x, np.nan)]).ravel()
     ys = np.column_stack([y, y, np.full_like(y, np.nan)]).ravel()
     alpha = float(np.clip(200 / max(len(x), 1), 0.35, 0.9))
-    (line,) = axes.plot(xs, ys, color=colour, lw=2.4, solid_capstyle="round", alpha=alpha, clip_on=False)
+    (line,) = axes.plot(
+        xs, ys, color=colour, lw=2.4, solid_capstyle="round", alpha=alpha, clip_on=False
+    )
     line.get_path().should_simplify = False
     line.set_snap(False)
 
@@ -279,8 +296,13 @@ def put_legend(axes: Axes, entries: Sequence[tuple[str, str]], dashed: Sequence[
     from matplotlib.lines import Line2D
 
     ways = ["--" if name in dashed else "-" for name, _ in entries]
-    handles = [Line2D([], [], color=colour, lw=2.2, ls=way, label="x") for (_, colour), way in zip(entries, ways)]
-    placed: Any = dict(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(entries) or 1, borderpad=0.2)
+    handles = [
+        Line2D([], [], color=colour, lw=2.2, ls=way, label="x")
+        for (_, colour), way in zip(entries, ways)
+    ]
+    placed: Any = dict(
+        loc="lower left", bbox_to_anchor=(0, 1), ncols=len(entries) or 1, borderpad=0.2
+    )
     legend = axes.legend(handles, ["x"] * len(entries), **placed)
     for text, (name, _) in zip(legend.get_texts(), entries):
         text.set_text(name)

@@ -28,8 +28,12 @@ def draw_progress_chart(history: Sequence[Progress]) -> Figure:
     """
     complete = [one for one in history if not one.hidden]
     if not complete:
-        raise DataError("plot", "would show nothing: the log has not shown every parameter", "go on recording")
-    return plots.Drawing(partial(_draw_progress, history, complete[-1]), "Estimates over time", "").draw()
+        raise DataError(
+            "plot", "would show nothing: the log has not shown every parameter", "go on recording"
+        )
+    return plots.Drawing(
+        partial(_draw_progress, history, complete[-1]), "Estimates over time", ""
+    ).draw()
 
 
 def _draw_progress(history: Sequence[Progress], last: Progress) -> Figure:
@@ -37,7 +41,9 @@ def _draw_progress(history: Sequence[Progress], last: Progress) -> Figure:
     shown = last.telling[:DRAWN_PARAMETERS]
     joints = list(last.torque_error)
     count = len(shown) + 1
-    figure, panels = plots.panels(count, 1, 0.9 + 1.4 * count, right=0.85, gaps=(0, 0.4), share=(True, False))
+    figure, panels = plots.panels(
+        count, 1, 0.9 + 1.4 * count, right=0.85, gaps=(0, 0.4), share=(True, False)
+    )
     *above, below = panels[:, 0]
     t = np.array([one.t for one in history])
     value, std = (np.array([getattr(one, name) for one in history]) for name in ("value", "std"))
@@ -63,7 +69,11 @@ def _draw_progress(history: Sequence[Progress], last: Progress) -> Figure:
         below.semilogy(t, [one.torque_error.get(joint, np.nan) for one in history], color=colour)
     below.set(xlabel="time, s", ylabel="N m rms", xlim=(t[0], t[-1]))
     plots.put_legend(
-        below, [(f"{x}: torque mispredicted over two seconds", c) for x, c in zip(joints, joint_colours(joints))]
+        below,
+        [
+            (f"{x}: torque mispredicted over two seconds", c)
+            for x, c in zip(joints, joint_colours(joints))
+        ],
     )
     for event in history[-1].events:
         for axes in (*above, below):

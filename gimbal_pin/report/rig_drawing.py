@@ -49,9 +49,14 @@ class RigDrawing:
     def __html__(self) -> str:
         """Return it as an element of a page."""
         said = [f"in question: {listed(self.joints)}"] if self.joints else []
-        said += [f"to balance: {describe_way(1e-5 * np.round(1e5 * self.way))}"] if self.way.any() else []
+        said += (
+            [f"to balance: {describe_way(1e-5 * np.round(1e5 * self.way))}"]
+            if self.way.any()
+            else []
+        )
         svg = plots.drawn(
-            partial(draw_rig, self.rig, self.joints, self.way), ": ".join([f"Drawing of {self.rig.title}", *said])
+            partial(draw_rig, self.rig, self.joints, self.way),
+            ": ".join([f"Drawing of {self.rig.title}", *said]),
         )
         html = Markup(
             '<div class="first"><div>{}</div><figure class="rig"><div class="plot">{}</div><figcaption>{}</figcaption>'
@@ -72,11 +77,16 @@ def draw_rig(rig: Rig, joints: Sequence[str], way: Array) -> plots.Figure:
 
     world = poses(rig.model, np.zeros((1, rig.n))).world[0]
     around, elevation, _ = (np.deg2rad(x) for x in VIEWS["three-quarter"])
-    back = np.array([np.cos(elevation) * np.cos(around), np.cos(elevation) * np.sin(around), np.sin(elevation)])
+    back = np.array(
+        [np.cos(elevation) * np.cos(around), np.cos(elevation) * np.sin(around), np.sin(elevation)]
+    )
     right = np.array([-np.sin(around), np.cos(around), 0.0])
     eye = np.array([right, np.cross(back, right), back])
     shown = [
-        (solid, (trace_solid(solid) @ world[solid.joint, :3, :3].T + world[solid.joint, :3, 3]) @ eye.T)
+        (
+            solid,
+            (trace_solid(solid) @ world[solid.joint, :3, :3].T + world[solid.joint, :3, 3]) @ eye.T,
+        )
         for solid in visuals(rig)[0] or stand_ins(rig)
     ]
     every = np.vstack([points for _, points in shown])
@@ -84,15 +94,23 @@ def draw_rig(rig: Rig, joints: Sequence[str], way: Array) -> plots.Figure:
     figure = Figure(figsize=(3.4, 2.9))
     axes = figure.add_axes((0, 0, 1, 1))
     for solid, points in sorted(shown, key=lambda one: float(one[1][:, 2].mean())):
-        flat = points[:, :2] + 1e-9 * size * np.random.default_rng(0).standard_normal((len(points), 2))
+        flat = points[:, :2] + 1e-9 * size * np.random.default_rng(0).standard_normal(
+            (len(points), 2)
+        )
         outline = flat[ConvexHull(flat).vertices]
-        axes.add_patch(Polygon(outline, facecolor=solid.rgba[:3], alpha=0.55, edgecolor=plots.MUTED, lw=0.7))
+        axes.add_patch(
+            Polygon(outline, facecolor=solid.rgba[:3], alpha=0.55, edgecolor=plots.MUTED, lw=0.7)
+        )
     for k, joint in enumerate(list_shown_joints(rig), start=1):
         if joint.name in joints:
-            axis = world[k, :3, :3] @ np.ravel(rig.model.joints[k].createData().S).reshape(2, 3).sum(axis=0)
+            axis = world[k, :3, :3] @ np.ravel(rig.model.joints[k].createData().S).reshape(
+                2, 3
+            ).sum(axis=0)
             ends = (world[k, :3, 3] + np.outer((-0.3, 0.3), size * axis)) @ eye.T
             axes.plot(*ends[:, :2].T, color=joint.colour, lw=2.2, ls=(0, (5, 2)), zorder=3)
-            far = max(ends, key=lambda end: float(np.linalg.norm(end[:2] - every[:, :2].mean(axis=0))))
+            far = max(
+                ends, key=lambda end: float(np.linalg.norm(end[:2] - every[:, :2].mean(axis=0)))
+            )
             looks: Any = {"color": joint.colour, "weight": "bold", "fontsize": 12, "zorder": 4}
             axes.annotate(joint.name, far[:2], (4, 2), textcoords="offset points", **looks)
     if way.any():
@@ -118,7 +136,9 @@ def trace_solid(solid: Solid) -> Array:
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     ring = np.column_stack([np.cos(angle), np.zeros(24), np.sin(angle)])
     if geometry["type"] == "CylinderGeometry":
-        points = np.vstack([geometry["radiusTop"] * ring + [0, y * geometry["height"] / 2, 0] for y in (-1, 1)])
+        points = np.vstack(
+            [geometry["radiusTop"] * ring + [0, y * geometry["height"] / 2, 0] for y in (-1, 1)]
+        )
     else:
         points = geometry["radius"] * np.vstack([ring, ring[:, [1, 0, 2]], ring[:, [0, 2, 1]]])
     return points @ solid.placement[:3, :3].T + solid.placement[:3, 3]

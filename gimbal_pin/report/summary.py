@@ -79,10 +79,18 @@ class Summary:
     @property
     def section(self) -> Section:
         """The head of a page."""
-        beside = [paragraph(self.found, f"headline {self.tone}"), notice("What to do", bullets(self.to_do))]
+        beside = [
+            paragraph(self.found, f"headline {self.tone}"),
+            notice("What to do", bullets(self.to_do)),
+        ]
         beside += [notice("Take care", bullets(self.doubts))] if self.doubts else []
-        heads, rest = ([one for one in self.numbers if one.is_headline == wanted] for wanted in (True, False))
-        more = [paragraph(" ".join(self.details), "verdict"), *([cards(rest, is_detail=False)] if rest else [])]
+        heads, rest = (
+            [one for one in self.numbers if one.is_headline == wanted] for wanted in (True, False)
+        )
+        more = [
+            paragraph(" ".join(self.details), "verdict"),
+            *([cards(rest, is_detail=False)] if rest else []),
+        ]
         return Section(
             "Summary",
             [
@@ -97,7 +105,11 @@ class Summary:
         numbers = str(cards([card for card in self.numbers if card.is_headline])).split("\n")[1:]
         free = most - 4 - len(numbers)
         doubts = self.doubts[: max(free - len(self.to_do), 2)]
-        lines = [self.found, "What to do", *(f"  {one}" for one in self.to_do[: free - len(doubts)])]
+        lines = [
+            self.found,
+            "What to do",
+            *(f"  {one}" for one in self.to_do[: free - len(doubts)]),
+        ]
         lines += ["Take care", *(f"  {one}" for one in doubts)] if doubts else []
         return "\n".join([*lines, " ".join(self.details), *numbers])
 
@@ -131,14 +143,20 @@ def summary(
         where = f"to {wrong.held.band:g} Hz, held out"
         fits = wrong.baseline["fit_percent"]
         worst, stated = min(wrong.stated["fit_percent"].items(), key=lambda pair: pair[1])
-        model[0] = rate_fit("Fit of the torque", fits, f"{where}; the URDF's {percent(stated)}, at {worst}")
+        model[0] = rate_fit(
+            "Fit of the torque", fits, f"{where}; the URDF's {percent(stated)}, at {worst}"
+        )
         if wrong.is_extended:
             fits = wrong.extended["fit_percent"]
             model.insert(1, rate_fit("With what was found", fits, where))
             fit = min(fits.values())
     numbers = [*model, *rate_controller(tuning, judged, held)]
     unknown = [f"Not diagnosed: {undiagnosed}."] if undiagnosed else []
-    unknown += [f"No camera was held on a platform that moves: {not_held}."] if not_held and rig.aims else []
+    unknown += (
+        [f"No camera was held on a platform that moves: {not_held}."]
+        if not_held and rig.aims
+        else []
+    )
     simulated = [] if result is None else [SIMULATED.format(plant)]
     doubts = (*cautions(tuning, result, judged), *unexplained(wrong), *unknown, *simulated)
     details = [name_source(rig, found, logs)]
@@ -149,7 +167,9 @@ def summary(
     steps = to_do(wrong, tuning, payload)
     barred = tuning is not None and bool(tuning.doubts)
     drawing = RigDrawing(rig, list_questioned(wrong), payload.balance if payload else None, ())
-    return Summary(verdict(fit, missing, barred), tone, steps, doubts, tuple(details), tuple(numbers), drawing)
+    return Summary(
+        verdict(fit, missing, barred), tone, steps, doubts, tuple(details), tuple(numbers), drawing
+    )
 
 
 def rate_model(rig: Rig, found: Identified) -> list[Card]:
@@ -169,7 +189,12 @@ def rate_model(rig: Rig, found: Identified) -> list[Card]:
     return [
         rate_fit("Fit of the torque", tested.fit_percent, how),
         Card("Torque error", error, note, is_headline=False),
-        Card("Parameters", str(len(theta)), f"{known}; median deviation {figures(deviation, 2)} %", is_headline=False),
+        Card(
+            "Parameters",
+            str(len(theta)),
+            f"{known}; median deviation {figures(deviation, 2)} %",
+            is_headline=False,
+        ),
     ]
 
 
@@ -180,12 +205,17 @@ def rate_fit(label: str, fits: Mapping[str, float], how: str) -> Card:
     return Card(label, percent(fit), f"{where}, {how}", grade(fit))
 
 
-def rate_controller(tuning: Tuning | None, judged: Judgement | None, held: Verified | None) -> list[Card]:
+def rate_controller(
+    tuning: Tuning | None, judged: Judgement | None, held: Verified | None
+) -> list[Card]:
     """Return bandwidth and margins, the errors of a PID over the controller's, and how still it holds a camera."""
     found = list[Card]()
     if tuning is not None:
         margins = tuning.margins
-        phase, disk = (min(getattr(one, name) for one in margins) for name in ("phase_margin_deg", "disk_margin"))
+        phase, disk = (
+            min(getattr(one, name) for one in margins)
+            for name in ("phase_margin_deg", "disk_margin")
+        )
         delay = min(one.delay_margin for one in margins)
         crossover = format_range(one.crossover_hz for one in margins)
         law = f"{controller_name(tuning.wish.kind)}; crossover {crossover} Hz"
@@ -195,10 +225,14 @@ def rate_controller(tuning: Tuning | None, judged: Judgement | None, held: Verif
     if judged is not None:
         ratios = judged.compute_ratios(next(iter(judged.errors)))[:, -1]
         note = f"median; worst {figures(ratios.min(), 2)}, of {judged.plants} perturbed plants, all joints"
-        found.append(Card("Error of a PID over the controller's", figures(float(np.median(ratios)), 2), note))
+        found.append(
+            Card("Error of a PID over the controller's", figures(float(np.median(ratios)), 2), note)
+        )
     if held is not None:
         note = f"{controller_name(OURS)} {state_jitter(held, OURS)}; a PID {state_jitter(held, BASELINE)}"
-        found.append(Card("Jitter on a platform that moves", f"{angle(held.jitter[OURS])} rms", note))
+        found.append(
+            Card("Jitter on a platform that moves", f"{angle(held.jitter[OURS])} rms", note)
+        )
     return found
 
 
@@ -212,7 +246,11 @@ def missed(wrong: Diagnosis | None) -> str:
     if not (wrong.lacking or wrong.unexplained):
         return to_sentence(wrong.statements[0])[:-1]
     found = listed(named(finding) for finding in wrong.lacking) if wrong.lacking else ""
-    rest = f"torque at {listed(wrong.unexplained)} for which no cause was accepted" if wrong.unexplained else ""
+    rest = (
+        f"torque at {listed(wrong.unexplained)} for which no cause was accepted"
+        if wrong.unexplained
+        else ""
+    )
     return f"The rigid model misses {', and '.join(part for part in (found, rest) if part)}"
 
 
@@ -236,11 +274,15 @@ def verdict(fit: float, missing: str = "", barred: bool = False) -> str:
         return f"{missing or vague}."
     first = missing or f"The model explains {'' if fit >= GOOD else 'most of '}the measured torque"
     if barred:
-        return f"{first}; the controller is not to be run, for the log leaves open what it stands on."
+        return (
+            f"{first}; the controller is not to be run, for the log leaves open what it stands on."
+        )
     return f"{first}."
 
 
-def to_do(wrong: Diagnosis | None, tuning: Tuning | None, payload: PayloadStatement | None = None) -> tuple[str, ...]:
+def to_do(
+    wrong: Diagnosis | None, tuning: Tuning | None, payload: PayloadStatement | None = None
+) -> tuple[str, ...]:
     """Return what to do about what was found, the most urgent first."""
     if wrong is not None and wrong.spoiling:
         return tuple(to_sentence(fault.next_experiment) for fault in wrong.spoiling)
@@ -266,29 +308,45 @@ def unexplained(wrong: Diagnosis | None) -> list[str]:
     lines = []
     if wrong.unexplained:
         nearest = "" if wrong.candidate is None else f": {wrong.candidate.sentence}"
-        lines.append(f"Torque is left unexplained at {listed(wrong.unexplained)}, and no cause was accepted{nearest}")
+        lines.append(
+            f"Torque is left unexplained at {listed(wrong.unexplained)}, and no cause was accepted{nearest}"
+        )
     lines += [*wrong.deteriorations, *([wrong.hidden] if wrong.hidden else [])]
     return [to_sentence(line) for line in lines]
 
 
-def cautions(tuning: Tuning | None, result: Tracking | None, judged: Judgement | None = None) -> list[str]:
+def cautions(
+    tuning: Tuning | None, result: Tracking | None, judged: Judgement | None = None
+) -> list[str]:
     """Return what speaks against taking the headline at its word."""
     found = []
-    if tuning is not None:  # where the controller is not to be run, a PID for the same model is no safer
-        safer = [to_sentence(why.sentence) for why in tuning.reasons if why.kind is ReasonKind.PID_SAFER]
+    if (
+        tuning is not None
+    ):  # where the controller is not to be run, a PID for the same model is no safer
+        safer = [
+            to_sentence(why.sentence) for why in tuning.reasons if why.kind is ReasonKind.PID_SAFER
+        ]
         found = [f"{doubt}." for doubt in tuning.doubts] or safer
     if judged is not None:  # joints that the PID follows at least as closely on half of the plants
         median = np.median(judged.compute_ratios(next(iter(judged.errors))), axis=0)
         worse = [joint for joint, ratio in zip(judged.joints, median.tolist()) if ratio <= 1]
-        found += [f"On {listed(worse)}, a {controller_name(RIVAL)} follows at least as closely."] if worse else []
+        found += (
+            [f"On {listed(worse)}, a {controller_name(RIVAL)} follows at least as closely."]
+            if worse
+            else []
+        )
     if result is None:
         return found
     for name in dict.fromkeys(one.controller for one in result.experiments):
-        share, joint = max((own.saturated, joint) for joint, own in result.of(TOGETHER, name).joints.items())
+        share, joint = max(
+            (own.saturated, joint) for joint, own in result.of(TOGETHER, name).joints.items()
+        )
         if share >= LEAST_SHARE_TOLD:
             step = "step: no fair rival, so that its errors say little" if name == RIVAL else "step"
             law = controller_name(name)
-            found.append(f"{law} is at the torque limit of {joint} in {100 * share:.0f} % of the {step}.")
+            found.append(
+                f"{law} is at the torque limit of {joint} in {100 * share:.0f} % of the {step}."
+            )
     return found
 
 
@@ -298,5 +356,9 @@ def name_source(rig: Rig, found: Identified, logs: Sequence[Log]) -> str:
     seconds = sum(float(log.t[-1] - log.t[0]) for log in logs)
     source = listed(map(file_name, found.logs)) + (f" ({figures(seconds)} s)" if logs else "")
     held = found.held_out
-    judged = "the data it was fitted to" if held is None else f"{rows_named(held.how)}, which the fit did not see"
+    judged = (
+        "the data it was fitted to"
+        if held is None
+        else f"{rows_named(held.how)}, which the fit did not see"
+    )
     return f"{name} was identified from {source}, and judged on {judged}."

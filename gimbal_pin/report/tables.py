@@ -67,7 +67,10 @@ def better(text: str, own: float, every: Sequence[float]) -> Content:
 
 
 def parameters(
-    rows: Sequence[KnownParameter], bound: Sequence[float] | None = None, label: str = "Parameters", force: str = "N m"
+    rows: Sequence[KnownParameter],
+    bound: Sequence[float] | None = None,
+    label: str = "Parameters",
+    force: str = "N m",
 ) -> Table:
     """Value and 95 % interval of each parameter beside what the URDF states, and the torque that it moves if known.
 
@@ -81,8 +84,20 @@ def parameters(
     body: list[list[Content]] = []
     for k, one in enumerate(rows):
         value, half = interval(one.value, one.half)
-        away = "0" if abs(one.away) < 0.05 else f"{one.away:+.1f}" if abs(one.away) < 1e4 else f"{one.away:+.0e}"
-        row: list[Content] = [regrouping(one.name), unit(one.unit), value, half.removeprefix("± "), one.deviation]
+        away = (
+            "0"
+            if abs(one.away) < 0.05
+            else f"{one.away:+.1f}"
+            if abs(one.away) < 1e4
+            else f"{one.away:+.0e}"
+        )
+        row: list[Content] = [
+            regrouping(one.name),
+            unit(one.unit),
+            value,
+            half.removeprefix("± "),
+            one.deviation,
+        ]
         row += [figures(one.given, 4), DASH if isnan(one.away) else away.replace("-", "−")]
         row += [] if bound is None else [figures(NORMAL_95 * bound[k], 2)]
         row += [bar(one.moved / most if most else 0.0, figures(one.moved, 2))] if reach else []
@@ -92,12 +107,19 @@ def parameters(
 
 def tabulate_camera(found: CameraEstimate) -> Table:
     """A camera's own parameters with 95 % intervals, beside what its URDF states."""
-    every = zip(found.names, found.units, found.value.tolist(), found.std.tolist(), found.urdf.tolist())
+    every = zip(
+        found.names, found.units, found.value.tolist(), found.std.tolist(), found.urdf.tolist()
+    )
     rows = [
         [regrouping(name), unit(unit_of), *interval(x, NORMAL_95 * std), figures(given, 4)]
         for name, unit_of, x, std, given in every
     ]
-    return Table(["Parameter", "Unit", "Value", "± 95 %", "URDF"], rows, texts=2, label="The camera's parameters")
+    return Table(
+        ["Parameter", "Unit", "Value", "± 95 %", "URDF"],
+        rows,
+        texts=2,
+        label="The camera's parameters",
+    )
 
 
 def tabulate_bodies(several: Sequence[Body]) -> Table:
@@ -109,9 +131,19 @@ def tabulate_bodies(several: Sequence[Body]) -> Table:
         return " ".join(interval(value, half)) if one.shown else f"{figures(value)} *"
 
     axes = [f"Centre of mass, {axis}, mm" for axis in "xyz"]
-    names = ["Mass, kg", *axes, *(f"{name}, kg m²" for name in ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz"))]
-    each = [(state(b.mass), *(state(x, 1e3) for x in b.com), *map(state, b.inertia)) for b in several]
-    return Table(["Of the body", *(b.link for b in several)], list(zip(names, *each)), label="The nearest bodies")
+    names = [
+        "Mass, kg",
+        *axes,
+        *(f"{name}, kg m²" for name in ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")),
+    ]
+    each = [
+        (state(b.mass), *(state(x, 1e3) for x in b.com), *map(state, b.inertia)) for b in several
+    ]
+    return Table(
+        ["Of the body", *(b.link for b in several)],
+        list(zip(names, *each)),
+        label="The nearest bodies",
+    )
 
 
 def list_tables(found: Identified) -> list[str]:
@@ -138,16 +170,22 @@ def drifting_parameters(found: Agreement) -> Table:
     rows: list[list[Content]] = []
     for one in found.drifting:
         pairs = zip(one.values.tolist(), one.std.tolist())
-        each = (" ".join(interval(x, NORMAL_95 * std)) if isfinite(std) else DASH for x, std in pairs)
+        each = (
+            " ".join(interval(x, NORMAL_95 * std)) if isfinite(std) else DASH for x, std in pairs
+        )
         chance = figures(one.p_value, 2) if one.p_value >= 1e-3 else "< 0.001"
         rows.append([regrouping(one.name), unit(one.unit), *each, figures(one.shared, 3), chance])
-    return Table(["Drifts", "Unit", *found.logs, "Shared", "p"], rows, texts=2, label="Parameters that drift")
+    return Table(
+        ["Drifts", "Unit", *found.logs, "Shared", "p"], rows, texts=2, label="Parameters that drift"
+    )
 
 
 def regrouping(name: str) -> Markup:
     """Return a sum of parameters that breaks between its terms alone: ``a − b + 0.12·c``."""
     terms = name.replace("*", "·").replace(" - ", " −\u00a0").replace(" + ", " +\u00a0").split(" ")
-    return Markup("<code>{}</code>").format(Markup(" ").join(Markup("<span>{}</span>").format(x) for x in terms))
+    return Markup("<code>{}</code>").format(
+        Markup(" ").join(Markup("<span>{}</span>").format(x) for x in terms)
+    )
 
 
 def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Table:
@@ -158,23 +196,38 @@ def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Tabl
     force = forces(joints)
     opinions = found.opinions
     scale, name = torque_unit(max(held.torque_rmse.values()), force)
-    head = ["Joint", f"Error, {name} rms", "Fit", *["What is left"] * bool(opinions), "Samples judged"]
+    head = [
+        "Joint",
+        f"Error, {name} rms",
+        "Fit",
+        *["What is left"] * bool(opinions),
+        "Samples judged",
+    ]
     head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
-    head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}", "URDF's fit"] * (evaluated is not None)
+    head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}", "URDF's fit"] * (
+        evaluated is not None
+    )
     rows: list[list[Content]] = []
     for j, joint in enumerate(joints):
         rmse = held.torque_rmse[joint.name]
         fit = held.fit_percent[joint.name]
         opinion = opinions.get(joint.name)
         row: list[Content] = [joint.label, figures(scale * rmse), toned(percent(fit), grade(fit))]
-        row += [] if opinion is None else [toned(opinion.value, OPINION_TONES.get(opinion.value, ""))]
+        row += (
+            [] if opinion is None else [toned(opinion.value, OPINION_TONES.get(opinion.value, ""))]
+        )
         row.append(f"{100 * held.used[joint.name]:.0f} %")
         if held is not train:
-            row += [figures(scale * train.torque_rmse[joint.name]), percent(train.fit_percent[joint.name])]
+            row += [
+                figures(scale * train.torque_rmse[joint.name]),
+                percent(train.fit_percent[joint.name]),
+            ]
         if evaluated is not None:
             torque = float(evaluated.torque_rms[j])
             largest = float(np.abs(evaluated.stacked("error")[:, j]).max())
-            share = f"{figures(100 * rmse / torque, 2)} %" if torque else DASH  # nothing drove this joint
+            share = (
+                f"{figures(100 * rmse / torque, 2)} %" if torque else DASH
+            )  # nothing drove this joint
             stated = nan if not found.simpler else found.simpler[0].fit_percent[joint.name]
             row += [figures(torque), share, figures(scale * largest), percent(stated)]
         rows.append(row)
@@ -196,7 +249,11 @@ def residual(found: Diagnosis) -> Table:
     left: over a whole log noise averages out, and a cause's form does not.
     """
     most = max(found.baseline.get("torque_rmse", {}).values(), default=0.0)
-    joints = {} if found.held is None else {joint.name: joint for joint in list_shown_joints(found.held.rig)}
+    joints = (
+        {}
+        if found.held is None
+        else {joint.name: joint for joint in list_shown_joints(found.held.rig)}
+    )
     rows: list[list[Content | None]] = []
     for name, left in found.residual.items():
         limit = found.detection_limit.get(name)
@@ -207,7 +264,13 @@ def residual(found: Diagnosis) -> Table:
         row += [share_off(part, name) for part in found.stages.values()]
         row.append(torque_text(found.extended["torque_rmse"][name], most, force))
         rows.append([*row, torque_text(limit, most, force) if limit else None])
-    head = ["Joint", "What is left", *(f"Error, {model}" for model in found.stages), "That is", "Detectable from"]
+    head = [
+        "Joint",
+        "What is left",
+        *(f"Error, {model}" for model in found.stages),
+        "That is",
+        "Detectable from",
+    ]
     band = "" if found.held is None else f" up to {found.held.band:g} Hz"
     return Table(head, rows, texts=2, label=f"Torque error held out{band}")
 
@@ -215,7 +278,9 @@ def residual(found: Diagnosis) -> Table:
 def share_off(errors: Mapping[str, Mapping[str, float]], joint: str) -> str:
     """By what share of the torque's deviation from its mean a model is off at a joint."""
     share = 100 - errors["fit_percent"][joint]
-    return f"{figures(share, 2)} %" if share < 1000 else "> 999 %"  # of a torque that hardly changes
+    return (
+        f"{figures(share, 2)} %" if share < 1000 else "> 999 %"
+    )  # of a torque that hardly changes
 
 
 def gain(found: Diagnosis, joints: Sequence[ShownJoint]) -> Table:
@@ -224,7 +289,10 @@ def gain(found: Diagnosis, joints: Sequence[ShownJoint]) -> Table:
     def cells(joint: ShownJoint) -> Iterator[Content]:
         values = [errors["rollout_rmse"][joint.name] for errors in found.stages.values()]
         top = max(filter(isfinite, values), default=0.0) or 1.0
-        yield from (bar(x / top, joint.text(x, digits=2)) if isfinite(x) else "cannot be simulated" for x in values)
+        yield from (
+            bar(x / top, joint.text(x, digits=2)) if isfinite(x) else "cannot be simulated"
+            for x in values
+        )
 
     head = ["Joint", *(f"Simulated, {model}" for model in found.stages)]
     rows = [[joint.label, *cells(joint)] for joint in joints]
@@ -237,7 +305,9 @@ def list_curves(found: Diagnosis) -> list[str]:
     for joint in () if found.held is None else list_shown_joints(found.held.rig):
         if (curve := found.residual[joint.name].curve) is None:
             continue
-        sizes = [Parameter("up to", x, joint.force, std=std) for x, std in zip(curve.torque, curve.std)]
+        sizes = [
+            Parameter("up to", x, joint.force, std=std) for x, std in zip(curve.torque, curve.std)
+        ]
         k = max(range(len(sizes)), key=lambda k: (sizes[k].is_known, abs(sizes[k].value)))
         ends = (curve.knots[k], *(x for pair in curve.acts for x in pair))
         points = {x: state_place(joint, curve.over, x) for x in ends}
@@ -252,7 +322,9 @@ def list_curves(found: Diagnosis) -> list[str]:
 
 def state_place(joint: ShownJoint, over: str, x: float) -> str:
     """A knot of a table at a joint, over its angle, rate or load."""
-    return f"{figures(x)} {joint.force}" if over == "load" else joint.text(x, "/s" * (over == "rate"))
+    return (
+        f"{figures(x)} {joint.force}" if over == "load" else joint.text(x, "/s" * (over == "rate"))
+    )
 
 
 def state_probability(finding: Finding) -> str:
@@ -264,7 +336,9 @@ def state_size(figure: Parameter) -> str:
     """A figure with its 95 % interval; a bound where it is not known."""
     if not figure.is_known:
         return figure.describe()
-    return f"{figure.name} {' '.join(interval(figure.value, NORMAL_95 * figure.std))}{figure.in_units}"
+    return (
+        f"{figure.name} {' '.join(interval(figure.value, NORMAL_95 * figure.std))}{figure.in_units}"
+    )
 
 
 def state_sizes(finding: Finding) -> str:
@@ -289,7 +363,10 @@ def tabulate_sizes(finding: Finding) -> Table:
 
 def list_unnamed(found: Diagnosis) -> list[str]:
     """Say what a diagnosis does not name: what is too small to matter, and what its logs cannot show."""
-    small = [f"{one.cause} at {one.joint or 'rig'} ({digits(100 * one.share, 2)} %)" for one in found.immaterial]
+    small = [
+        f"{one.cause} at {one.joint or 'rig'} ({digits(100 * one.share, 2)} %)"
+        for one in found.immaterial
+    ]
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
     said = {"too small to matter": small, "this log cannot show": hidden}
     return [f"{what}: {', '.join(names)}" for what, names in said.items() if names]
@@ -304,7 +381,13 @@ def rivals(finding: Finding) -> Table:
         probable = bar(chance, f"{figures(100 * chance, 2)} %" if chance >= 1e-3 else "under 0.1 %")
         out = toned("no", "fair") if rival.cause in finding.alike else toned("yes", "good")
         rows.append([rival.cause, figures(rival.delta), f"{rival.z:.1f}", probable, out])
-    head = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Probability", "Ruled out by this log"]
+    head = [
+        "Instead of it",
+        "Log-likelihood lost",
+        "Standard deviations worse",
+        "Probability",
+        "Ruled out by this log",
+    ]
     label = f"Causes that were fitted in the place of {finding.cause}"
     return Table(head, rows, label=label, is_detail=True)
 
@@ -346,12 +429,20 @@ def loops(found: Tuning) -> Table:
     wish = found.wish
     drawn = f"Disk margin, worst of {found.draws} draws"
     head: list[Content] = ["Joint", "Bandwidth", *MARGINS, *([drawn] if found.draws else [])]
-    head += [Markup("K<sub>{}</sub>, {}").format(*pair) for pair in (("P", "1/s²"), ("I", "1/s³"), ("D", "1/s"))]
+    head += [
+        Markup("K<sub>{}</sub>, {}").format(*pair)
+        for pair in (("P", "1/s²"), ("I", "1/s³"), ("D", "1/s"))
+    ]
     rows: list[list[Content]] = []
-    for j, (joint, shown, pid) in enumerate(zip(list_shown_joints(found.model.rig), bandwidths(found), found.gains)):
+    for j, (joint, shown, pid) in enumerate(
+        zip(list_shown_joints(found.model.rig), bandwidths(found), found.gains)
+    ):
         worst = [found.worst[j].disk_margin] if found.draws else []
         rows.append([joint.label, shown, *margins(found.margins[j], wish.disk)])
-        rows[-1] += [*(toned(figures(x), safe(x, wish.disk)) for x in worst), *map(figures, (pid.kp, pid.ki, pid.kd))]
+        rows[-1] += [
+            *(toned(figures(x), safe(x, wish.disk)) for x in worst),
+            *map(figures, (pid.kp, pid.ki, pid.kd)),
+        ]
     return Table(head, rows, label=f"Gains and margins, {controller_name(wish.kind)}")
 
 
@@ -359,18 +450,35 @@ def drive_gains(found: Tuning) -> Table:
     """Gains in the units that drives take, a line per gain that the constants of any joint's motor allow."""
     joints = list_shown_joints(found.model.rig)
     rows = list[list[Content]]()
-    for system, force, turn in (("torque", "N m", "rad"), ("current", "A", "rad"), ("count", "A", "count")):
+    for system, force, turn in (
+        ("torque", "N m", "rad"),
+        ("current", "A", "rad"),
+        ("count", "A", "count"),
+    ):
         every = [getattr(own, system) for own in found.drive_gains]
         for k, form in enumerate((f"{force}/{turn}", f"{force}/({turn} s)", f"{force} s/{turn}")):
-            forms = dict.fromkeys(joint.in_units(form) for joint, own in zip(joints, every) if own is not None)
+            forms = dict.fromkeys(
+                joint.in_units(form) for joint, own in zip(joints, every) if own is not None
+            )
             name = Markup("K<sub>{}</sub>, {}").format("PID"[k], " or ".join(forms))
             rows.append([name, *(DASH if own is None else figures(own[k]) for own in every)])
     cascades = [own.odrive for own in found.drive_gains]
-    named = ("pos_gain, 1/s", "vel_gain, N m/(turn/s)", "vel_integrator_gain, N m/turn", "torque_constant, N m/A")
+    named = (
+        "pos_gain, 1/s",
+        "vel_gain, N m/(turn/s)",
+        "vel_integrator_gain, N m/turn",
+        "torque_constant, N m/A",
+    )
     for k, gain in enumerate(named):
-        rows.append([f"ODrive {gain}", *(DASH if own is None else figures(own[k]) for own in cascades)])
+        rows.append(
+            [f"ODrive {gain}", *(DASH if own is None else figures(own[k]) for own in cascades)]
+        )
     shown = [row for row in rows if set(row[1:]) != {DASH}]
-    return Table(["For a drive, at home", *(joint.label for joint in joints)], shown, label="Gains for drives")
+    return Table(
+        ["For a drive, at home", *(joint.label for joint in joints)],
+        shown,
+        label="Gains for drives",
+    )
 
 
 def judgement(found: Judgement, joints: Sequence[ShownJoint]) -> Table:
@@ -379,16 +487,26 @@ def judgement(found: Judgement, joints: Sequence[ShownJoint]) -> Table:
     names = list(found.errors)
     rows = list[list[Content]]()
 
-    def cell(one: Mapping[str, Mapping[str, float | None]], place: str, text: Callable[[float], str]) -> str:
+    def cell(
+        one: Mapping[str, Mapping[str, float | None]], place: str, text: Callable[[float], str]
+    ) -> str:
         median, worst = ("lost" if (x := own[place]) is None else text(x) for own in one.values())
         return f"{median} ({worst})"
 
     for place, joint in (*((joint.name, joint) for joint in joints), ("all", None)):
-        errors = [DASH if joint is None else cell(data["errors"][name], place, joint.text) for name in names]
+        errors = [
+            DASH if joint is None else cell(data["errors"][name], place, joint.text)
+            for name in names
+        ]
         ratios = [cell(own, place, lambda x: figures(x, 2)) for own in data["ratios"].values()]
         rows.append([place if joint is None else joint.label, *errors, *ratios])
     *others, rival = (controller_name(name) for name in names[1:])
-    head = ["Joint", *(f"{who} error" for who in ("Tuned", *others, rival)), "Ratio", *(f"Ratio, {x}" for x in others)]
+    head = [
+        "Joint",
+        *(f"{who} error" for who in ("Tuned", *others, rival)),
+        "Ratio",
+        *(f"Ratio, {x}" for x in others),
+    ]
     return Table(head, rows, label=f"Errors on {found.plants} perturbed plants")
 
 
@@ -416,9 +534,17 @@ def contest(found: Verified) -> Table:
     for row, own in zip(found.rows, every):
         cells = [better(angle(one), one, several) for one, several in zip(own, zip(*every))]
         cells += [angle(row.drift), *(figures(torque) for torque in row.torque_rms.values())]
-        limited = describe_limits(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"
+        limited = (
+            describe_limits(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"
+        )
         rows.append([controller_name(row.controller), *cells, limited])
-    head = ["Controller", "Jitter, rms", "Largest", "Drift", *(f"{joint}, N m rms" for joint in found.joints)]
+    head = [
+        "Controller",
+        "Jitter, rms",
+        "Largest",
+        "Drift",
+        *(f"{joint}, N m rms" for joint in found.joints),
+    ]
     return Table([*head, "At torque limit, of the time"], rows, label="Controllers on the platform")
 
 
@@ -428,7 +554,11 @@ def held_margins(found: Verified) -> Table:
     for name, loops in found.loops.items():
         same.setdefault(loops, []).append(controller_name(name))
     rows: list[list[Content]] = [
-        [listed(names), ", ".join(j for j, one in zip(found.joints, loops) if one == own), *margins(own)]
+        [
+            listed(names),
+            ", ".join(j for j, one in zip(found.joints, loops) if one == own),
+            *margins(own),
+        ]
         for loops, names in same.items()
         for own in dict.fromkeys(loops)
     ]
@@ -444,4 +574,9 @@ def channels(several: Sequence[Channel]) -> Table:
     for c in several:
         ends = figures(c.low, 4), figures(c.high, 4), figures(c.step) if c.step else ""
         rows.append([c.column, c.kind, c.joint or "", c.unit, "; ".join(c.reasons), *ends])
-    return Table(["Column", "Is", "Of", "In", "Because", "From", "To", "Step"], rows, texts=5, label="Channels")
+    return Table(
+        ["Column", "Is", "Of", "In", "Because", "From", "To", "Step"],
+        rows,
+        texts=5,
+        label="Channels",
+    )

@@ -71,10 +71,14 @@ def to_rows(place: str, value: object, width: int) -> Array:
     try:
         rows = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise UsageError(place, f"is no array of numbers ({error})", f"give shape (N, {width})") from error
+        raise UsageError(
+            place, f"is no array of numbers ({error})", f"give shape (N, {width})"
+        ) from error
     if rows.ndim != 2 or rows.shape[1] != width:
         raise UsageError(
-            place, f"has shape {rows.shape}", f"give shape (N, {width}): a row per sample, x[None] for one"
+            place,
+            f"has shape {rows.shape}",
+            f"give shape (N, {width}): a row per sample, x[None] for one",
         )
     return rows
 
@@ -88,7 +92,9 @@ def _matches(value: object, hint: Any) -> bool:
     if origin is Literal:
         return value in inner
     if hint in (float, int):
-        return isinstance(value, Real if hint is float else Integral) and not isinstance(value, bool)
+        return isinstance(value, Real if hint is float else Integral) and not isinstance(
+            value, bool
+        )
     if origin in (Sequence, Iterable):
         if isinstance(value, (list, tuple)):
             return all(_matches(one, inner[0]) for one in value)

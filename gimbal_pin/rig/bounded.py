@@ -45,20 +45,31 @@ def run_bounded(module: str, *arguments: str, memory: int = 2 * 2**30, seconds: 
     bounds = (str(memory), str(limit))
     # The path of this process and no other: else a module in the working directory would be run.
     code = f"import sys; sys.path[:] = {sys.path!r}; from gimbal_pin.rig.bounded import main; main(*sys.argv[1:])"
-    alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each thread's stack is memory, too
+    alone = {
+        **os.environ,
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+    }  # each thread's stack is memory, too
     with TemporaryDirectory() as folder:
         out = Path(folder, "out.json")
         command = [sys.executable, "-c", code, str(out), *bounds, module, *arguments]
         try:
             done = subprocess.run(
-                command, env=alone, stdin=subprocess.DEVNULL, capture_output=True, timeout=_LONGEST_WAIT, check=False
+                command,
+                env=alone,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=_LONGEST_WAIT,
+                check=False,
             )
         except subprocess.TimeoutExpired as error:
             raise ProcessStopped(f"it has not ended after {_LONGEST_WAIT:.0f} s") from error
         if done.returncode == -signal.SIGXCPU:
             raise ProcessStopped(f"it takes over {limit} s of processor time")
         if done.returncode:
-            lines = done.stderr.decode(errors="replace").strip().splitlines() or ["its reader was stopped"]
+            lines = done.stderr.decode(errors="replace").strip().splitlines() or [
+                "its reader was stopped"
+            ]
             without_kinds_of_errors = re.sub(r"^(\w+\.)*\w+: |<class '[^']*'>: ", "", lines[-1])
             raise ProcessStopped(without_kinds_of_errors[:160])
         return json.loads(out.read_text("utf-8"))

@@ -131,11 +131,16 @@ def load_config(path: Path) -> Config:
         mend = f"write one of {', '.join(_OPTICAL_AXES)}"
         raise RigError(f"{place}: optical_axis", f"is '{config.optical_axis}'", mend)
     rows = config.limits.items()
-    limits = {joint: read_fields(Limits, entry, f"{place}: limits.{joint}", RigError) for joint, entry in rows}
+    limits = {
+        joint: read_fields(Limits, entry, f"{place}: limits.{joint}", RigError)
+        for joint, entry in rows
+    }
     return replace(config, limits=limits)
 
 
-def read_limits(texts: Sequence[str], joints: Sequence[str], limits: Sequence[Limits]) -> tuple[Limits, ...]:
+def read_limits(
+    texts: Sequence[str], joints: Sequence[str], limits: Sequence[Limits]
+) -> tuple[Limits, ...]:
     """Return the joints' limits, those of texts such as ``pan.velocity=2`` in place of their own.
 
     Raises:
@@ -153,21 +158,33 @@ def read_limits(texts: Sequence[str], joints: Sequence[str], limits: Sequence[Li
             value = float(number)
         except ValueError:
             raise UsageError(place, f"'{number}' is no number", mend) from None
-        named[joint] = replace(named[joint], **read_fields(Limits, {quantity: value}, place, UsageError))
+        named[joint] = replace(
+            named[joint], **read_fields(Limits, {quantity: value}, place, UsageError)
+        )
     return tuple(named.values())
 
 
 def overlay_config(base: Config, top: Config) -> Config:
     """Return `base` with what `top` states on top of it; a joint keeps what `top` does not state about it."""
     merged = _list_changes(top, Config())
-    merged["limits"] = {**base.limits, **{j: {**base.limits.get(j, {}), **entry} for j, entry in top.limits.items()}}
+    merged["limits"] = {
+        **base.limits,
+        **{j: {**base.limits.get(j, {}), **entry} for j, entry in top.limits.items()},
+    }
     merged["fixed"] = {**base.fixed, **top.fixed}
     merged["xacro"] = {**base.xacro, **top.xacro}
     usual = Motor()
-    motors = {j: replace(base.motors.get(j, usual), **_list_changes(own, usual)) for j, own in top.motors.items()}
+    motors = {
+        j: replace(base.motors.get(j, usual), **_list_changes(own, usual))
+        for j, own in top.motors.items()
+    }
     return replace(base, **{**merged, "motors": {**base.motors, **motors}})
 
 
 def _list_changes(value: Any, default: Any) -> dict[str, Any]:
     """Return the fields in which a dataclass differs from its default."""
-    return {f.name: getattr(value, f.name) for f in fields(value) if getattr(value, f.name) != getattr(default, f.name)}
+    return {
+        f.name: getattr(value, f.name)
+        for f in fields(value)
+        if getattr(value, f.name) != getattr(default, f.name)
+    }

@@ -44,7 +44,9 @@ def find_rig(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Confi
         return find_description(path.name), Config()
     if not path.is_file():
         names = ", ".join(bundled_rigs())
-        raise RigError(str(rig), "is neither a file nor a bundled rig", f"give a path, or one of {names}")
+        raise RigError(
+            str(rig), "is neither a file nor a bundled rig", f"give a path, or one of {names}"
+        )
     if path.suffix not in YAML_SUFFIXES:
         beside = path.with_suffix(".yaml")
         own = beside.is_file() and not is_written(beside)
@@ -76,16 +78,29 @@ def find_description(name: str) -> Path:
     """
     if find_spec("robot_descriptions") is None:
         mend = "install it (pip install 'gimbal-pin[robots]'), or give a file"
-        raise UsageError(name, "is neither a file nor a bundled rig; of other robots robot_descriptions knows", mend)
+        raise UsageError(
+            name,
+            "is neither a file nor a bundled rig; of other robots robot_descriptions knows",
+            mend,
+        )
     if find_spec(f"robot_descriptions.{name}") is None:
-        mend = "'python -m robot_descriptions list' names them; or give a file, or one of " + ", ".join(bundled_rigs())
-        raise RigError(name, "is neither a file nor a bundled rig, and robot_descriptions has none of that name", mend)
+        mend = (
+            "'python -m robot_descriptions list' names them; or give a file, or one of "
+            + ", ".join(bundled_rigs())
+        )
+        raise RigError(
+            name,
+            "is neither a file nor a bundled rig, and robot_descriptions has none of that name",
+            mend,
+        )
     try:
         from git.exc import GitError
 
         found = import_module(f"robot_descriptions.{name}")
     except (ImportError, OSError, GitError) as error:
-        raise RigError(name, f"cannot be fetched by robot_descriptions ({error})", "see to git and network") from error
+        raise RigError(
+            name, f"cannot be fetched by robot_descriptions ({error})", "see to git and network"
+        ) from error
     path = getattr(found, "URDF_PATH", None) or getattr(found, "MJCF_PATH", None)
     if path is None:
         raise RigError(name, "is described in xacro alone", "expand it to a URDF, and give that")
@@ -122,10 +137,16 @@ def list_configs(rig: str) -> list[Path]:
 
 def find_payload(payload: str) -> Path:
     """Return the URDF of a bundled payload or of a path."""
-    path = bundled() / "payloads" / f"{payload}.urdf" if payload in bundled_payloads() else Path(payload)
+    path = (
+        bundled() / "payloads" / f"{payload}.urdf"
+        if payload in bundled_payloads()
+        else Path(payload)
+    )
     if not path.is_file():
         names = ", ".join(bundled_payloads())
         raise RigError(
-            payload, "is neither a file nor a bundled payload", f"give a URDF, xacro, SDF or MJCF, or one of {names}"
+            payload,
+            "is neither a file nor a bundled payload",
+            f"give a URDF, xacro, SDF or MJCF, or one of {names}",
         )
     return path

@@ -37,7 +37,9 @@ def pseudo_inertia(phi: Array) -> Array:
 
 def is_physical(phi: Array) -> bool:
     """Whether every body of (10 n,) parameters is one that can exist."""
-    return all(np.linalg.eigvalsh(pseudo_inertia(body))[0] > 0 for body in np.reshape(phi, (-1, 10)))
+    return all(
+        np.linalg.eigvalsh(pseudo_inertia(body))[0] > 0 for body in np.reshape(phi, (-1, 10))
+    )
 
 
 def thicken_flat_body(phi: Array) -> Array:
@@ -48,7 +50,11 @@ def thicken_flat_body(phi: Array) -> Array:
     thick = P + 1e-6 * max(float(np.trace(P[:3, :3])), 1e-9) * np.diag([1.0, 1.0, 1.0, 0.0])
     out = np.array(pin.PseudoInertia.FromMatrix(thick).toDynamicParameters())
     if not is_physical(out):
-        raise ModelError("inertial parameters", "of the URDF are not physical", "mend them: see 'gimbal-pin check'")
+        raise ModelError(
+            "inertial parameters",
+            "of the URDF are not physical",
+            "mend them: see 'gimbal-pin check'",
+        )
     return out
 
 
@@ -71,7 +77,11 @@ def find_nearest_inertia(mass: float, inertia: Array) -> Array:
     """
     values, axes = np.linalg.eigh(np.trace(inertia) / 2 * np.eye(3) - inertia)
     most = values.clip(min=0.0).sum() or 3 * mass * 1e-6 / 5
-    sigma = (axes * values.clip(min=_THIN * most)) @ axes.T if values.max() > 0 else most / 3 * np.eye(3)
+    sigma = (
+        (axes * values.clip(min=_THIN * most)) @ axes.T
+        if values.max() > 0
+        else most / 3 * np.eye(3)
+    )
     return np.asarray(np.trace(sigma) * np.eye(3) - sigma)
 
 
@@ -86,7 +96,9 @@ def remove_unfelt_inertials(robot: etree._Element, place: str, carried: bool = F
     Raises:
         RigError: The inertial of a link that moves cannot be replaced.
     """
-    starts = [j.find("child").get("link") for j in robot.findall("joint") if j.get("type") in MOVABLE]
+    starts = [
+        j.find("child").get("link") for j in robot.findall("joint") if j.get("type") in MOVABLE
+    ]
     moving = {link for start in starts for link in urdf.find_reached_links(robot, start)}
     empty = list[str]()
     idle = list[str]()
@@ -127,7 +139,10 @@ def mend_inertias(text: str, model: pin.Model, place: str, every: bool) -> tuple
         RigError: A link has an inertia that breaks a rule, and a joint feels it.
     """
     stated = urdf.parse_robot(text, place).xpath("link/inertial/inertia")
-    rules = {one.getparent().getparent().get("name"): describe_broken_rule(read_inertia(one)) for one in stated}
+    rules = {
+        one.getparent().getparent().get("name"): describe_broken_rule(read_inertia(one))
+        for one in stated
+    }
     bodies = urdf.read_inertials(text)
     mended = dict[str, urdf.LinkInertia]()
     said = list[str]()
@@ -142,9 +157,13 @@ def mend_inertias(text: str, model: pin.Model, place: str, every: bool) -> tuple
         nearest = find_nearest_inertia(mass, inertia)
         if not every:
             if describe_broken_rule(np.array(model.inertias[joint].inertia)) is None:
-                said.append(f"{link} {rule}; it counts with the links fixed to it, and their sum is sound")
+                said.append(
+                    f"{link} {rule}; it counts with the links fixed to it, and their sum is sound"
+                )
                 continue
-            ways = [frame.placement.rotation.T @ way for way in _find_turning_directions(model, joint)]
+            ways = [
+                frame.placement.rotation.T @ way for way in _find_turning_directions(model, joint)
+            ]
             share = (ways[0] @ inertia @ ways[0]) / (ways[0] @ nearest @ ways[0]) if ways else 1.0
             if len(ways) > 1 or not share > 0:
                 how = "recompute it, or take the nearest that can be: 'gimbal-pin check RIG --mend OUT.urdf'"
@@ -162,7 +181,9 @@ def _find_turning_directions(model: pin.Model, joint: int) -> list[Array]:
     """
     data = model.createData()
     columns = [model.joints[j].idx_v for j in model.supports[joint] if j]
-    jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nq)).reshape(6, model.nv)  # one joint's is flat
+    jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nq)).reshape(
+        6, model.nv
+    )  # one joint's is flat
     turning = jacobian[3:, columns].T @ data.oMi[joint].rotation
     ways = [way for way in turning if np.linalg.norm(way) > 0.5]
     other = [way for way in ways[1:] if np.linalg.norm(np.cross(way, ways[0])) > 1e-6]
@@ -179,22 +200,40 @@ def to_urdf(rig: Rig, phi: Array) -> str:
     """
     inertials: dict[str, urdf.LinkInertia] = {}
     for body, parameters in enumerate(np.reshape(phi, (-1, 10)), start=1):
-        for link, part in _split_over_links(rig, body, pin.Inertia.FromDynamicParameters(parameters)).items():
+        for link, part in _split_over_links(
+            rig, body, pin.Inertia.FromDynamicParameters(parameters)
+        ).items():
             inertials[link] = (part.mass, np.array(part.lever), np.array(part.inertia))
     return urdf.replace_inertials(rig.urdf, inertials)
 
 
 def _split_over_links(rig: Rig, body: int, total: pin.Inertia) -> Mapping[str, pin.Inertia]:
     """Split a body's inertia over its links, each in its own link's frame."""
-    frames = {f.name: f for f in rig.model.frames if f.parentJoint == body and f.type == pin.FrameType.BODY}
-    given = {link: pin.Inertia(*own) for link, own in urdf.read_inertials(rig.urdf).items() if link in frames}
-    massive = {link: frames[link].placement.act(own).toDynamicParameters() for link, own in given.items()}
+    frames = {
+        f.name: f
+        for f in rig.model.frames
+        if f.parentJoint == body and f.type == pin.FrameType.BODY
+    }
+    given = {
+        link: pin.Inertia(*own)
+        for link, own in urdf.read_inertials(rig.urdf).items()
+        if link in frames
+    }
+    massive = {
+        link: frames[link].placement.act(own).toDynamicParameters() for link, own in given.items()
+    }
     phi = total.toDynamicParameters()
-    parts = {link: own[0] / sum(each[0] for each in massive.values()) * phi for link, own in massive.items()}
+    parts = {
+        link: own[0] / sum(each[0] for each in massive.values()) * phi
+        for link, own in massive.items()
+    }
     for link in (rig.links[body - 1], rig.payload_link):
         rest = phi - sum((own for name, own in massive.items() if name != link), np.zeros(10))
         if link in massive and is_physical(rest):
             parts = {link: rest}
     if not massive:
         return {rig.links[body - 1]: total}
-    return {x: frames[x].placement.actInv(pin.Inertia.FromDynamicParameters(part)) for x, part in parts.items()}
+    return {
+        x: frames[x].placement.actInv(pin.Inertia.FromDynamicParameters(part))
+        for x, part in parts.items()
+    }

@@ -66,7 +66,10 @@ def find_meshes(names: Iterable[str], folder: Path) -> Mapping[str, Mesh | str]:
     """Return the mesh that each name means, seen from the URDF's folder, or why there is none."""
     files = {name: find_mesh_file(name, folder) for name in names}
     read = _read_meshes(file for file in files.values() if file is not None)
-    return {name: "is not there" if file is None else read.get(file, "cannot be read") for name, file in files.items()}
+    return {
+        name: "is not there" if file is None else read.get(file, "cannot be read")
+        for name, file in files.items()
+    }
 
 
 def _read_meshes(files: Iterable[Path]) -> Mapping[Path, Mesh]:
@@ -108,7 +111,10 @@ def main(folder: str) -> None:
                 content = stream.read(_LARGEST_FILE + 1)
             if len(content) <= _LARGEST_FILE:
                 mesh = trimesh.load_mesh(io.BytesIO(content), file_type=file.suffix[1:])
-                _write_mesh(Mesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces)), Path(folder, f"{k}.npz"))
+                _write_mesh(
+                    Mesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces)),
+                    Path(folder, f"{k}.npz"),
+                )
         finally:
             os._exit(0)  # at once: the interpreter takes a quarter of a second to end
 
@@ -119,7 +125,9 @@ def _write_mesh(mesh: Mesh, file: Path) -> None:
     if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or not len(faces):
         return
     # What is drawn and measured is single precision.
-    if np.isfinite(vertices.astype(np.float32)).all() and 0 <= faces.min() <= faces.max() < len(vertices):
+    if np.isfinite(vertices.astype(np.float32)).all() and 0 <= faces.min() <= faces.max() < len(
+        vertices
+    ):
         half = file.with_suffix(".half.npz")
         np.savez(half, vertices=vertices, faces=faces)
         half.replace(file)
@@ -127,6 +135,8 @@ def _write_mesh(mesh: Mesh, file: Path) -> None:
 
 def encode_stl(mesh: Mesh) -> bytes:
     """Return a mesh as a binary STL."""
-    records = np.zeros(len(mesh.faces), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+    records = np.zeros(
+        len(mesh.faces), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")]
+    )
     records["corners"] = mesh.vertices[mesh.faces]
     return bytes(80) + len(records).to_bytes(4, "little") + records.tobytes()

@@ -70,8 +70,12 @@ def propose_config(rig: Rig, folder: Path) -> str:
     camera, axis, why = _find_camera(rig, links, urdf.find_sensor_links(element, "camera"))
     tagged = urdf.find_sensor_links(element, "imu")
     imus = tuple(dict.fromkeys((*rig.config.imus, *tagged, *_select_by_words(links, _IMU_WORDS))))
-    arguments = ", ".join(f"{_format_scalar(key)}: {_format_scalar(value)}" for key, value in rig.config.xacro.items())
-    empty = "# Arguments of the xacro file.\n" + (f"xacro: {{{arguments}}}\n" if arguments else "#xacro: {}\n")
+    arguments = ", ".join(
+        f"{_format_scalar(key)}: {_format_scalar(value)}" for key, value in rig.config.xacro.items()
+    )
+    empty = "# Arguments of the xacro file.\n" + (
+        f"xacro: {{{arguments}}}\n" if arguments else "#xacro: {}\n"
+    )
     idle = [joint for joint, limit in zip(rig.joints, rig.tau_max) if np.isinf(limit)]
     held = ", ".join(f"{_format_scalar(joint)}: 0.0" for joint in idle if len(idle) < rig.n)
     kept = ", ".join(f"{_format_scalar(joint)}: {at!r}" for joint, at in rig.config.fixed.items())
@@ -79,20 +83,30 @@ def propose_config(rig: Rig, folder: Path) -> str:
     if mount is None:  # named so and moved by as many joints as the camera, or else the last link
         high = _count_joints_above(rig, camera)
         mount = next(
-            (link for link in _select_by_words(links, _MOUNT_WORDS) if _count_joints_above(rig, link) >= high),
+            (
+                link
+                for link in _select_by_words(links, _MOUNT_WORDS)
+                if _count_joints_above(rig, link) >= high
+            ),
             rig.links[-1],
         )
     motors = []
     limits = []
     for joint, motor, limit in zip(rig.joints, rig.motors, rig.limits):
-        stated = {key: repr(value) for key, value in vars(motor).items() if value != getattr(Motor(), key)}
+        stated = {
+            key: repr(value) for key, value in vars(motor).items() if value != getattr(Motor(), key)
+        }
         motors.append(_format_joint(joint, stated, _MOTOR_EXAMPLE))
-        finite = {"acceleration": repr(limit.acceleration)} if np.isfinite(limit.acceleration) else {}
+        finite = (
+            {"acceleration": repr(limit.acceleration)} if np.isfinite(limit.acceleration) else {}
+        )
         limits.append(_format_joint(joint, finite, "acceleration: 20.0"))
     return _TEMPLATE.format(
         name=rig.name,
         urdf=_format_scalar(
-            rig.name if rig.path.parent == bundled() else os.path.relpath(rig.path.resolve(), folder.resolve())
+            rig.name
+            if rig.path.parent == bundled()
+            else os.path.relpath(rig.path.resolve(), folder.resolve())
         ),
         xacro=empty if rig.path.suffix == ".xacro" or arguments else "",
         camera=_format_scalar(camera),
@@ -117,13 +131,19 @@ def _find_camera(rig: Rig, links: list[str], sensed: list[str]) -> tuple[str, st
     if rig.config.camera_frame is not None:
         return rig.config.camera_frame, rig.config.optical_axis, "As the rig's own YAML has it."
     optical = [
-        link for link in _select_by_words(links, _OPTICAL_WORDS) if set(split_words(link)) & _CAMERA_WORDS or not sensed
+        link
+        for link in _select_by_words(links, _OPTICAL_WORDS)
+        if set(split_words(link)) & _CAMERA_WORDS or not sensed
     ]
     for found, axis, why in (
         ([link for link in links if link == "camera"], "x", "Guessed by its name."),
         (sensed, "x", "Guessed by Gazebo's tag for a camera, which looks along x."),
         (optical, "z", "Guessed: ROS's names for frames that look along z."),
-        (_select_by_words(links, _CAMERA_WORDS), "x", "Guessed by its name; the axis is a guess without reason."),
+        (
+            _select_by_words(links, _CAMERA_WORDS),
+            "x",
+            "Guessed by its name; the axis is a guess without reason.",
+        ),
     ):
         if found:
             return max(found, key=lambda link: _count_joints_above(rig, link)), axis, why
@@ -149,4 +169,6 @@ def _format_joint(joint: str, stated: dict[str, str], example: str) -> str:
 
 def _format_scalar(value: Any) -> str:
     """Return a text as YAML holds it inside braces."""
-    return str(yaml.safe_dump([value], default_flow_style=True, width=10**6, allow_unicode=True)).strip()[1:-1]
+    return str(
+        yaml.safe_dump([value], default_flow_style=True, width=10**6, allow_unicode=True)
+    ).strip()[1:-1]

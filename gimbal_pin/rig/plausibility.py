@@ -59,7 +59,9 @@ def find_implausible_values(rig: Rig) -> Iterator[str]:
     bodies = rig.model.inertias.tolist()[1:]
     masses = np.array([body.mass for body in bodies])
     gyration = np.sqrt([np.trace(body.inertia) / 2 for body in bodies] / masses)
-    origins = np.linalg.norm([place.translation for place in rig.model.jointPlacements.tolist()[1:]], axis=1)
+    origins = np.linalg.norm(
+        [place.translation for place in rig.model.jointPlacements.tolist()[1:]], axis=1
+    )
     places = np.maximum(origins, np.linalg.norm([body.lever for body in bodies], axis=1))
     typical_gyration = np.sort(gyration)[(rig.n - 1) // 2]
     length = min(max(origins.sum(), typical_gyration), MAX_REACH)
@@ -70,17 +72,42 @@ def find_implausible_values(rig: Rig) -> Iterator[str]:
         turn_seconds = np.where(rig.slides, 0.0, np.sqrt(2 * inertia / rig.tau_max))
         density = masses / (4 / 3 * pi * (gyration / sqrt(0.6)) ** 3)
     for sentence, names, values, bound in (
-        ("angles beyond two turns are probably in degrees, not in rad", rig.joints, turning[0], MAX_PLAUSIBLE_ANGLE),
-        ("origins far from all bodies are probably not in m", rig.joints, places, UNIT_RATIO * typical_gyration),
-        ("radii of gyration beyond the rig's size: state inertias in kg m²", rig.links, gyration, UNIT_RATIO * length),
+        (
+            "angles beyond two turns are probably in degrees, not in rad",
+            rig.joints,
+            turning[0],
+            MAX_PLAUSIBLE_ANGLE,
+        ),
+        (
+            "origins far from all bodies are probably not in m",
+            rig.joints,
+            places,
+            UNIT_RATIO * typical_gyration,
+        ),
+        (
+            "radii of gyration beyond the rig's size: state inertias in kg m²",
+            rig.links,
+            gyration,
+            UNIT_RATIO * length,
+        ),
         (
             "seconds through one radian at full torque: state inertias in kg m², torque limits in N m",
             rig.joints,
             turn_seconds,
             MAX_TURN_SECONDS,
         ),
-        ("kg/m³ beyond any material: state masses in kg, inertias in kg m²", rig.links, density, MAX_DENSITY),
-        ("torque limits beyond motors of the rig's mass: state them in N m", rig.joints, turning[1], torque),
+        (
+            "kg/m³ beyond any material: state masses in kg, inertias in kg m²",
+            rig.links,
+            density,
+            MAX_DENSITY,
+        ),
+        (
+            "torque limits beyond motors of the rig's mass: state them in N m",
+            rig.joints,
+            turning[1],
+            torque,
+        ),
     ):
         wrong = [f"{name} {value:.4g}" for name, value in zip(names, values) if bound < value < inf]
         if wrong:

@@ -48,10 +48,14 @@ def wrap_read_errors(path: str | Path, kind: type[GimbalPinError]) -> Iterator[N
     except FileNotFoundError as error:
         raise kind(str(path), "does not exist", "give the path of a file") from error
     except OSError as error:
-        raise kind(str(path), f"cannot be read ({error.strerror})", "give a readable file") from error
+        raise kind(
+            str(path), f"cannot be read ({error.strerror})", "give a readable file"
+        ) from error
 
 
-def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError, most: int = LARGEST_LOG) -> bytes:
+def read_bytes(
+    path: str | Path, kind: type[GimbalPinError] = UsageError, most: int = LARGEST_LOG
+) -> bytes:
     """Return what a regular file or a pipe holds, up to `most` bytes; an error of `kind` says why it cannot be read."""
     with wrap_read_errors(path, kind), open(path, "rb", opener=open_without_waiting) as file:
         state = os.fstat(file.fileno())
@@ -63,10 +67,16 @@ def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError, most: 
     return content
 
 
-def check_size(path: str | Path, size: int, kind: type[GimbalPinError], most: int = LARGEST_LOG) -> None:
+def check_size(
+    path: str | Path, size: int, kind: type[GimbalPinError], most: int = LARGEST_LOG
+) -> None:
     """Raise an error of `kind` for more bytes, of a file or of what it unfolds to, than are read."""
     if size > most:
-        raise kind(str(path), f"holds more than {most / 1e6:.0f} MB, unpacked", "give a smaller file, or a part of it")
+        raise kind(
+            str(path),
+            f"holds more than {most / 1e6:.0f} MB, unpacked",
+            "give a smaller file, or a part of it",
+        )
 
 
 def read_beginning(path: str | Path, size: int) -> bytes:
@@ -93,7 +103,9 @@ def read_yaml(path: str | Path, kind: type[GimbalPinError] = UsageError) -> Any:
     content = read_bytes(path, kind, LARGEST_TEXT)
     try:
         # libyaml's parser takes an eighth of the time. One event at a time: nothing is built before it is checked.
-        return _build_value(yaml.parse(content.decode("utf-8-sig"), getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
+        return _build_value(
+            yaml.parse(content.decode("utf-8-sig"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        )
     except yaml.MarkedYAMLError as error:
         last = content.count(b"\n")  # libyaml takes the end of the text for a line of its own
         line = f":{min(error.problem_mark.line, last) + 1}" if error.problem_mark else ""
@@ -118,7 +130,11 @@ def _build_value(events: Iterable[yaml.Event]) -> Any:
             count += size
         else:
             count += 1
-            value = _build_scalar(event) if isinstance(event, yaml.ScalarEvent) else collection(event, depth)
+            value = (
+                _build_scalar(event)
+                if isinstance(event, yaml.ScalarEvent)
+                else collection(event, depth)
+            )
         if count > _MOST_VALUES:
             raise _refuse(f"more than {_MOST_VALUES} values", event.start_mark)
         if event.anchor is not None and not isinstance(event, yaml.AliasEvent):
@@ -162,7 +178,9 @@ def _build_scalar(event: yaml.ScalarEvent) -> Any:
     tag = event.tag
     short = len(event.value) <= LONGEST_NUMBER
     if tag in (None, "!"):
-        tag = _RESOLVER.resolve(yaml.ScalarNode, event.value, event.implicit) if short else _TEXT_TAG
+        tag = (
+            _RESOLVER.resolve(yaml.ScalarNode, event.value, event.implicit) if short else _TEXT_TAG
+        )
         tag = tag if tag in _SCALARS else _TEXT_TAG
     try:
         if not short and tag != _TEXT_TAG:

@@ -41,35 +41,57 @@ def prefix_place(place: str, error: type[GimbalPinError]) -> Iterator[None]:
 def _list_fields(kind: Any) -> Mapping[str, tuple[Any, Bounds, bool]]:
     """Return field → its annotation, its bounds, and whether it is required."""
     hints = get_type_hints(kind)
-    rows = ((own, own.default is MISSING and own.default_factory is MISSING) for own in fields(kind))
-    return {own.name: (hints[own.name], own.metadata.get("bounds", _ANY), needed) for own, needed in rows}
+    rows = (
+        (own, own.default is MISSING and own.default_factory is MISSING) for own in fields(kind)
+    )
+    return {
+        own.name: (hints[own.name], own.metadata.get("bounds", _ANY), needed)
+        for own, needed in rows
+    }
 
 
 def read_record(
-    kind: Callable[..., _T], data: Any, place: str, error: type[GimbalPinError], others: bool = False
+    kind: Callable[..., _T],
+    data: Any,
+    place: str,
+    error: type[GimbalPinError],
+    others: bool = False,
 ) -> _T:
     """Return a dataclass from a table; an `error` names what is missing, unknown or of the wrong kind.
 
     `others`: whether the table may have keys that are not its fields, which are ignored.
     """
     values = read_fields(kind, data, place, error, others)
-    if missing := [name for name, (*_, needed) in _list_fields(kind).items() if needed and name not in values]:
+    if missing := [
+        name for name, (*_, needed) in _list_fields(kind).items() if needed and name not in values
+    ]:
         raise error(place, f"has no {', '.join(missing)}", "give it")
     return kind(**values)
 
 
-def read_fields(kind: Any, data: Any, place: str, error: type[GimbalPinError], others: bool = False) -> dict[str, Any]:
+def read_fields(
+    kind: Any, data: Any, place: str, error: type[GimbalPinError], others: bool = False
+) -> dict[str, Any]:
     """Return the values of the fields of a dataclass that a table states."""
     known = _list_fields(kind)
     if not isinstance(data, dict):
-        raise error(place, "is not a table of keys and values", f"give keys out of {', '.join(known)}")
+        raise error(
+            place, "is not a table of keys and values", f"give keys out of {', '.join(known)}"
+        )
     if unknown := [key for key in data if key not in known and not others]:
-        raise error(place, f"has an unknown key '{unknown[0]}'", f"the known ones are {', '.join(known)}")
+        raise error(
+            place, f"has an unknown key '{unknown[0]}'", f"the known ones are {', '.join(known)}"
+        )
     rows = ((key, form, bounds) for key, (form, bounds, _) in known.items() if key in data)
-    return {key: convert_value(form, data[key], _join_place(place, key), error, bounds) for key, form, bounds in rows}
+    return {
+        key: convert_value(form, data[key], _join_place(place, key), error, bounds)
+        for key, form, bounds in rows
+    }
 
 
-def convert_value(kind: Any, x: Any, place: str, error: type[GimbalPinError], bounds: Bounds = _ANY) -> Any:
+def convert_value(
+    kind: Any, x: Any, place: str, error: type[GimbalPinError], bounds: Bounds = _ANY
+) -> Any:
     """Return a plain value converted to its annotation."""
     form = get_origin(kind)
     inner = get_args(kind)
@@ -79,7 +101,11 @@ def convert_value(kind: Any, x: Any, place: str, error: type[GimbalPinError], bo
         if x is None and NoneType in inner:
             return None
         several = [each for each in inner if each is not NoneType]
-        fitting = [each for each in several if (get_origin(each) is not None) == isinstance(x, (dict, list))]
+        fitting = [
+            each
+            for each in several
+            if (get_origin(each) is not None) == isinstance(x, (dict, list))
+        ]
         return convert_value((fitting or several)[0], x, place, error, bounds)
     if isinstance(kind, type) and is_dataclass(kind):
         return read_record(kind, x, place, error)
@@ -89,9 +115,15 @@ def convert_value(kind: Any, x: Any, place: str, error: type[GimbalPinError], bo
     if not isinstance(x, shape):
         raise error(place, f"is {x!r}", f"write {words}")
     if isinstance(x, dict):
-        return {key: convert_value(inner[1], each, _join_place(place, key), error, bounds) for key, each in x.items()}
+        return {
+            key: convert_value(inner[1], each, _join_place(place, key), error, bounds)
+            for key, each in x.items()
+        }
     if isinstance(x, list):
-        return tuple(convert_value(inner[0], each, f"{place}[{k}]", error, bounds) for k, each in enumerate(x))
+        return tuple(
+            convert_value(inner[0], each, f"{place}[{k}]", error, bounds)
+            for k, each in enumerate(x)
+        )
     return x
 
 
@@ -109,7 +141,9 @@ _YAML_FORMS: Mapping[Any, tuple[type, str]] = {
 """Annotation → what YAML makes of it, in words, too."""
 
 
-def _convert_number(kind: type, x: Any, place: str, error: type[GimbalPinError], bounds: Bounds) -> float:
+def _convert_number(
+    kind: type, x: Any, place: str, error: type[GimbalPinError], bounds: Bounds
+) -> float:
     """Return a number within bounds, whole where `kind` is int; ``1e-3``, which YAML 1.1 takes for a text, is one."""
     read = parse_decimal(x) if isinstance(x, str) else None if isinstance(x, bool) else x
     if not isinstance(read, (int, float)):

@@ -30,7 +30,13 @@ from gimbal_pin.rig.urdf_checks import MOVABLE, check_name
 
 GRAVITY = 9.81
 """Acceleration of gravity, m/s², down the world's z."""
-_SLIDING_UNITS = {r"\(N m\)": "N", r"N m\b": "N", r"kg m(\^2|²)": "kg", r"\brad\b": "m", r"per turn\b": "per 2π m"}
+_SLIDING_UNITS = {
+    r"\(N m\)": "N",
+    r"N m\b": "N",
+    r"kg m(\^2|²)": "kg",
+    r"\brad\b": "m",
+    r"per turn\b": "per 2π m",
+}
 """What stands in units of joints that turn → what stands there of joints that slide."""
 
 PHI = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -96,12 +102,19 @@ class Rig(Record):
     @property
     def aims(self) -> bool:
         """Whether anything of it is said to be a camera: else its line of sight is that of the last link by default."""
-        return self.payload is not None or bool(self.config.camera_frame) or self.camera_frame != self.links[-1]
+        return (
+            self.payload is not None
+            or bool(self.config.camera_frame)
+            or self.camera_frame != self.links[-1]
+        )
 
     @staticmethod
     @check_arguments
     def load(
-        rig: str | Path, payload: str | Path | None = None, mend: bool = False, fixed: Mapping[str, float] | None = None
+        rig: str | Path,
+        payload: str | Path | None = None,
+        mend: bool = False,
+        fixed: Mapping[str, float] | None = None,
     ) -> Rig:
         """Load a bundled rig or one of `robot_descriptions` by name, a URDF, xacro, SDF or MJCF, or a YAML of one.
 
@@ -120,7 +133,9 @@ class Rig(Record):
         by_name = {joint.get("name"): joint for joint in element.findall("joint")}
         for joint, at in config.fixed.items():
             if joint not in by_name:
-                raise RigError(f"{path}: fixed", f"there is no joint '{joint}'", "name a joint of the file")
+                raise RigError(
+                    f"{path}: fixed", f"there is no joint '{joint}'", "name a joint of the file"
+                )
             _fix_joint(by_name[joint], at)
         notes = notes + remove_unfelt_inertials(element, str(path))
         name = str(payload) if payload is not None else config.payload
@@ -132,16 +147,25 @@ class Rig(Record):
             part = urdf.parse_checked(text, str(other))
             notes += more + remove_unfelt_inertials(part, str(other), carried=True)
             payload_link = urdf.find_root_link(part, str(other))
-            urdf.mount(element, part, config.mount or "camera_mount", f"{path} with {Path(other).name}")
+            urdf.mount(
+                element, part, config.mount or "camera_mount", f"{path} with {Path(other).name}"
+            )
         mounted = Path(name).stem if name else None
         stated = Path(rig) if Path(rig).suffix in YAML_SUFFIXES else path.with_suffix(".yaml")
-        built = build_rig(path, urdf.to_text(element), config, mounted, payload_link, str(stated), mend)
+        built = build_rig(
+            path, urdf.to_text(element), config, mounted, payload_link, str(stated), mend
+        )
         mimics = [
-            f"{joint.get('name')} ({joint.find('mimic').get('joint')})" for joint in element.xpath("joint[mimic]")
+            f"{joint.get('name')} ({joint.find('mimic').get('joint')})"
+            for joint in element.xpath("joint[mimic]")
         ]
-        mimicking = [f"a joint that mimics another is held where the other's zero has it: {join_names(mimics)}"]
+        mimicking = [
+            f"a joint that mimics another is held where the other's zero has it: {join_names(mimics)}"
+        ]
         doubts = find_implausible_values(built)
-        return replace(built, notes=(*notes, *built.notes, *mimicking * bool(mimics), *doubts), source=str(rig))
+        return replace(
+            built, notes=(*notes, *built.notes, *mimicking * bool(mimics), *doubts), source=str(rig)
+        )
 
     def __str__(self) -> str:
         """Name, payload and joints; the URDF and the model would fill the screen."""
@@ -151,10 +175,21 @@ class Rig(Record):
         """Return what it is and what bounds its joints, null where nothing does; its bodies stand in `urdf`."""
         rows = zip(self.joints, self.links, self.limits, self.motors, self.friction.tolist())
         joints = {
-            joint: {"link": link, **asdict(limits), "motor": asdict(motor), "coulomb": dry, "viscous": viscous}
+            joint: {
+                "link": link,
+                **asdict(limits),
+                "motor": asdict(motor),
+                "coulomb": dry,
+                "viscous": viscous,
+            }
             for joint, link, limits, motor, (dry, viscous) in rows
         }
-        facts = {"rig": self.name, "payload": self.payload, "base": self.base, "camera_frame": self.camera_frame}
+        facts = {
+            "rig": self.name,
+            "payload": self.payload,
+            "base": self.base,
+            "camera_frame": self.camera_frame,
+        }
         return {"schema": 1, **facts, "joints": joints}
 
     @property
@@ -170,7 +205,9 @@ class Rig(Record):
     @property
     def phi(self) -> Array:
         """The URDF's inertial parameters, (10 n,), per body in the order of `PHI`."""
-        return np.concatenate([inertia.toDynamicParameters() for inertia in self.model.inertias[1:]])
+        return np.concatenate(
+            [inertia.toDynamicParameters() for inertia in self.model.inertias[1:]]
+        )
 
     @cached_property
     def floating(self) -> pin.Model:
@@ -180,23 +217,33 @@ class Rig(Record):
     @property
     def tau_max(self) -> Array:
         """Torque limits, N m, (n,)."""
-        return np.array([min(motor.tau_max, limit.effort) for motor, limit in zip(self.motors, self.limits)])
+        return np.array(
+            [min(motor.tau_max, limit.effort) for motor, limit in zip(self.motors, self.limits)]
+        )
 
     @property
     def stops(self) -> tuple[Array, Array]:
         """Lowest and highest angle of every joint, rad, (n,) each; infinite where there is no stop."""
-        return np.array([limit.lower for limit in self.limits]), np.array([limit.upper for limit in self.limits])
+        return np.array([limit.lower for limit in self.limits]), np.array(
+            [limit.upper for limit in self.limits]
+        )
 
     def joint_index(self, joint: str) -> int:
         """Return the column of a joint; `RigError` lists the joints if there is none of that name."""
         if joint not in self.joints:
-            raise RigError(f"rig {self.name}", f"has no joint '{joint}'", f"its joints are {', '.join(self.joints)}")
+            raise RigError(
+                f"rig {self.name}",
+                f"has no joint '{joint}'",
+                f"its joints are {', '.join(self.joints)}",
+            )
         return self.joints.index(joint)
 
     @cached_property
     def slides(self) -> tuple[bool, ...]:
         """Whether each joint slides, and does not turn (n)."""
-        return tuple(joint.shortname().startswith("JointModelP") for joint in self.model.joints.tolist()[1:])
+        return tuple(
+            joint.shortname().startswith("JointModelP") for joint in self.model.joints.tolist()[1:]
+        )
 
     @cached_property
     def continuous(self) -> tuple[bool, ...]:
@@ -205,7 +252,11 @@ class Rig(Record):
 
     def in_units(self, joint: str | None, text: str) -> str:
         """Return a text, or a unit, that is written as of a joint that turns, in the units of a joint."""
-        return to_sliding(text) if joint in self.joints and self.slides[self.joints.index(joint)] else text
+        return (
+            to_sliding(text)
+            if joint in self.joints and self.slides[self.joints.index(joint)]
+            else text
+        )
 
     @property
     def force(self) -> str:
@@ -251,14 +302,26 @@ def build_rig(
     links = urdf.list_element_names(element, "link")
     for key in (*config.motors, *config.limits):
         if key not in joints and key not in config.fixed:
-            raise RigError(stated, f"speaks of joint '{key}', which the rig has not", f"joints: {', '.join(joints)}")
+            raise RigError(
+                stated,
+                f"speaks of joint '{key}', which the rig has not",
+                f"joints: {', '.join(joints)}",
+            )
     by_name = {joint.get("name"): joint for joint in element.findall("joint")}
     moved = tuple(by_name[joint].find("child").get("link") for joint in joints)
-    usual = "camera" if "camera" in links else (*urdf.find_sensor_links(element, "camera"), moved[-1])[0]
+    usual = (
+        "camera"
+        if "camera" in links
+        else (*urdf.find_sensor_links(element, "camera"), moved[-1])[0]
+    )
     camera = config.camera_frame or usual
     for link in (camera, *config.imus):
         if link not in links:
-            raise RigError(stated, f"speaks of link '{link}', which the rig has not", f"links: {', '.join(links)}")
+            raise RigError(
+                stated,
+                f"speaks of link '{link}', which the rig has not",
+                f"links: {', '.join(links)}",
+            )
     if config.optical_axis != "x":
         turned = f"{camera}_sight"
         at = pin.SE3(_SIGHT_ROTATIONS[config.optical_axis], np.zeros(3))
@@ -270,12 +333,22 @@ def build_rig(
         sound = urdf.to_text(element)
     if sound != text:
         model = to_pinocchio(sound, place)
-    config = replace(config, motors=overlay_config(Config(motors=_read_transmissions(element, joints)), config).motors)
-    limits = tuple(_read_limits(by_name[joint], config.limits.get(joint, {}), stated) for joint in joints)
+    config = replace(
+        config,
+        motors=overlay_config(Config(motors=_read_transmissions(element, joints)), config).motors,
+    )
+    limits = tuple(
+        _read_limits(by_name[joint], config.limits.get(joint, {}), stated) for joint in joints
+    )
     if idle := [joint for joint, limit in zip(joints, limits) if limit.lower == limit.upper]:
-        notes.append(f"lower and upper limit are equal, so the travel counts as not stated: {join_names(idle)}")
+        notes.append(
+            f"lower and upper limit are equal, so the travel counts as not stated: {join_names(idle)}"
+        )
     friction = [
-        [float(urdf.read_numbers(by_name[joint].find("dynamics"), key, "0")[0]) for key in ("friction", "damping")]
+        [
+            float(urdf.read_numbers(by_name[joint].find("dynamics"), key, "0")[0])
+            for key in ("friction", "damping")
+        ]
         for joint in joints
     ]
     return Rig(
@@ -285,7 +358,9 @@ def build_rig(
         joints=joints,
         links=moved,
         motors=tuple(config.motors.get(joint, Motor()) for joint in joints),
-        limits=tuple(replace(x, lower=-math.inf, upper=math.inf) if x.lower == x.upper else x for x in limits),
+        limits=tuple(
+            replace(x, lower=-math.inf, upper=math.inf) if x.lower == x.upper else x for x in limits
+        ),
         friction=np.array(friction),
         base=urdf.find_root_link(element, place),
         camera_frame=camera,
@@ -302,8 +377,12 @@ _SIGHT_ROTATIONS = {
     "-x": np.diag([-1.0, -1.0, 1.0]),
     "y": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
     "-y": np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-    "z": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),  # ROS: z forward, y down (REP 103)
-    "-z": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]),  # OpenGL, MuJoCo: -z forward, y up
+    "z": np.array(
+        [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]
+    ),  # ROS: z forward, y down (REP 103)
+    "-z": np.array(
+        [[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]
+    ),  # OpenGL, MuJoCo: -z forward, y up
 }
 """Optical axis → rotation to a frame whose x is the line of sight and whose z is up in the picture."""
 
@@ -352,12 +431,16 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
     try:
         model = pin.buildModelFromXML(urdf.strip_to_skeleton(robot))
     except (ValueError, RuntimeError) as error:
-        raise RigError(place, f"is not a URDF that Pinocchio reads ({error})", "mend what it names") from error
+        raise RigError(
+            place, f"is not a URDF that Pinocchio reads ({error})", "mend what it names"
+        ) from error
     model.gravity.linear = np.array([0.0, 0.0, -GRAVITY])
     for joint, inertia in zip(model.names[1:], model.inertias[1:]):
         if not inertia.mass > 0:
             raise RigError(
-                f"{place}: joint '{joint}'", "moves no mass", "give its link an <inertial>, or mount a payload"
+                f"{place}: joint '{joint}'",
+                "moves no mass",
+                "give its link an <inertial>, or mount a payload",
             )
     return model
 
@@ -369,7 +452,9 @@ def _fix_joint(joint: etree._Element, at: float) -> None:
     if at and kind in MOVABLE:
         axis = urdf.read_numbers(joint.find("axis"), "xyz", "1 0 0")
         way = at * axis / max(float(np.linalg.norm(axis)), 1e-6)
-        turn = pin.SE3(np.eye(3), way) if kind == "prismatic" else pin.SE3(pin.exp3(way), np.zeros(3))
+        turn = (
+            pin.SE3(np.eye(3), way) if kind == "prismatic" else pin.SE3(pin.exp3(way), np.zeros(3))
+        )
         urdf.set_pose(joint, urdf.read_pose(joint) * turn)
 
 
@@ -384,10 +469,17 @@ def _read_limits(joint: etree._Element, override: Mapping[str, float], place: st
     for key in ("effort", "velocity", "lower", "upper") if limit is not None else ():
         value = limit.get(key)
         is_end = key in ("lower", "upper")
-        if value is not None and ((is_end and joint.get("type") != "continuous") or (not is_end and float(value))):
+        if value is not None and (
+            (is_end and joint.get("type") != "continuous") or (not is_end and float(value))
+        ):
             every[key] = float(value)
     every |= override
-    limits = Limits(**{key: math.copysign(math.inf, x) if abs(x) >= LARGEST_NUMBER else x for key, x in every.items()})
+    limits = Limits(
+        **{
+            key: math.copysign(math.inf, x) if abs(x) >= LARGEST_NUMBER else x
+            for key, x in every.items()
+        }
+    )
     if limits.lower > limits.upper:
         what = f"has lower limit {limits.lower:g} above upper {limits.upper:g}"
         raise RigError(f"{place}: limits.{joint.get('name')}", what, "swap them")
@@ -414,7 +506,10 @@ def build_floating_model(model: pin.Model) -> pin.Model:
     out.gravity.linear = np.zeros(3)
     root = out.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "platform")
     lean = pin.SE3(compute_lean(model.gravity.linear), np.zeros(3))
-    places = [lean * place if model.parents[j] == 0 else place for j, place in enumerate(model.jointPlacements)]
+    places = [
+        lean * place if model.parents[j] == 0 else place
+        for j, place in enumerate(model.jointPlacements)
+    ]
     for j in range(1, model.njoints):
         out.addJoint(int(model.parents[j]) + root, model.joints[j], places[j], model.names[j])
         out.appendBodyToJoint(j + root, model.inertias[j], pin.SE3.Identity())

@@ -40,16 +40,26 @@ def check_origin(data: Mapping[str, Any], rig: Rig, place: str) -> None:
     A file without placements is of an older version: there the rig's name decides.
     """
     if (schema := data.get("schema", SCHEMA)) != SCHEMA:
-        raise ModelError(f"{place}: schema", f"is {schema!r}", f"write it with this version, which reads {SCHEMA}")
+        raise ModelError(
+            f"{place}: schema",
+            f"is {schema!r}",
+            f"write it with this version, which reads {SCHEMA}",
+        )
     name = data.get("rig", rig.name)
     filed = data.get("structure", {} if name == rig.name else None)
     if filed is None:
         raise ModelError(
-            place, f"is of the rig '{name}', not of '{rig.name}'", "give that rig, or make it for this one"
+            place,
+            f"is of the rig '{name}', not of '{rig.name}'",
+            "give that rig, or make it for this one",
         )
-    placements = convert_value(Mapping[str, tuple[float, ...]], filed, f"{place}: structure", ModelError)
+    placements = convert_value(
+        Mapping[str, tuple[float, ...]], filed, f"{place}: structure", ModelError
+    )
     for joint, here in describe_structure(rig).items() if placements else ():
         there = placements.get(joint, ())
-        if len(there) != len(here) or not np.allclose(there, here, rtol=0.0, atol=PLACEMENT_TOLERANCE):
+        if len(there) != len(here) or not np.allclose(
+            there, here, rtol=0.0, atol=PLACEMENT_TOLERANCE
+        ):
             what = f"is of the rig '{name}', whose joint {joint} is placed otherwise than that of '{rig.name}'"
             raise ModelError(place, what, "give that rig, or make it for this one")

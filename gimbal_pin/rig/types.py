@@ -22,4 +22,6 @@ def make_generator(rng: Rng) -> tuple[np.random.Generator, int | None]:
     try:
         return np.random.default_rng(seed), int(seed)
     except (TypeError, ValueError) as error:
-        raise UsageError("rng", f"is {rng!r}", "give a numpy.random.Generator, a whole number, or nothing") from error
+        raise UsageError(
+            "rng", f"is {rng!r}", "give a numpy.random.Generator, a whole number, or nothing"
+        ) from error

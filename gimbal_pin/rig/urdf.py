@@ -45,16 +45,26 @@ def parse_xml(text: str, place: str) -> etree._Element:
     """Return the root element of a file of XML without a document type; `RigError` names the line where it breaks."""
     try:
         # The text is decoded already, whatever encoding it declares.
-        parser = etree.XMLParser(encoding="utf-8", resolve_entities=False, load_dtd=False, no_network=True)
+        parser = etree.XMLParser(
+            encoding="utf-8", resolve_entities=False, load_dtd=False, no_network=True
+        )
         root = etree.fromstring(text.encode(), parser)
     except etree.XMLSyntaxError as error:
-        raise RigError(f"{place}:{error.lineno}", f"is not XML: {error.msg}", "mend the file there") from error
-    if (crowded := next((one for one in root.iter() if len(one.attrib) > _MOST_ATTRIBUTES), None)) is not None:
+        raise RigError(
+            f"{place}:{error.lineno}", f"is not XML: {error.msg}", "mend the file there"
+        ) from error
+    if (
+        crowded := next((one for one in root.iter() if len(one.attrib) > _MOST_ATTRIBUTES), None)
+    ) is not None:
         where = f"{place}:{crowded.sourceline}"
         what = f"<{crowded.tag}> has more than {_MOST_ATTRIBUTES} attributes"
         raise RigError(where, what, "take out what describes no rig")
     if root.getroottree().docinfo.doctype:
-        raise RigError(place, "declares a document type, whose entities readers take differently", "take it out")
+        raise RigError(
+            place,
+            "declares a document type, whose entities readers take differently",
+            "take it out",
+        )
     return root
 
 
@@ -67,8 +77,12 @@ def parse_checked(text: str, place: str, fixed: Collection[str] = ()) -> etree._
         RigError: The first thing that is not, with the line of the file where it has one.
     """
     robot = parse_robot(text, place)
-    if robot.xpath("joint/parent[@link='world']") and "world" not in list_element_names(robot, "link"):
-        robot.insert(0, etree.Element("link", name="world"))  # simulators know it without being told
+    if robot.xpath("joint/parent[@link='world']") and "world" not in list_element_names(
+        robot, "link"
+    ):
+        robot.insert(
+            0, etree.Element("link", name="world")
+        )  # simulators know it without being told
     check_names(robot, place, fixed)
     check_references(robot, place)
     find_root_link(robot, place)
@@ -78,7 +92,9 @@ def parse_checked(text: str, place: str, fixed: Collection[str] = ()) -> etree._
 
 def to_text(robot: etree._Element) -> str:
     """Return the element as XML text with its declaration."""
-    return etree.tostring(robot.getroottree(), xml_declaration=True, encoding="utf-8", pretty_print=True).decode()
+    return etree.tostring(
+        robot.getroottree(), xml_declaration=True, encoding="utf-8", pretty_print=True
+    ).decode()
 
 
 def mount(rig: etree._Element, payload: etree._Element, at: str, place: str) -> None:
@@ -88,7 +104,11 @@ def mount(rig: etree._Element, payload: etree._Element, at: str, place: str) -> 
         RigError: The rig has no such link, or both carry a link or joint of the same name.
     """
     if at not in list_element_names(rig, "link"):
-        raise RigError(place, f"has no link '{at}' to mount the payload on", "name it with 'mount:' in the rig's YAML")
+        raise RigError(
+            place,
+            f"has no link '{at}' to mount the payload on",
+            "name it with 'mount:' in the rig's YAML",
+        )
     for tag in ("link", "joint"):
         if twice := set(list_element_names(rig, tag)) & set(list_element_names(payload, tag)):
             mend = "name the rig without it, as 'identify --urdf' was given it, or rename it in the payload"
@@ -106,14 +126,26 @@ def find_root_link(robot: etree._Element, place: str) -> str:
     links = list_element_names(robot, "link")
     children = [child.get("link", "") for child in robot.iterfind("joint/child")]
     if twice := find_repeated(children):
-        raise RigError(place, f"link '{twice[0]}' has two parent joints: the rig is a loop, not a tree", "cut the loop")
+        raise RigError(
+            place,
+            f"link '{twice[0]}' has two parent joints: the rig is a loop, not a tree",
+            "cut the loop",
+        )
     inner = set(children)
     roots = [link for link in links if link not in inner]
     if len(roots) != 1:
-        what = f"{len(roots)} root links: {', '.join(roots[:FEW])}" if roots else "no root link: its joints form a loop"
+        what = (
+            f"{len(roots)} root links: {', '.join(roots[:FEW])}"
+            if roots
+            else "no root link: its joints form a loop"
+        )
         raise RigError(place, f"has {what}", "connect all links to one base by joints")
     if apart := set(links) - find_reached_links(robot, roots[0]):
-        raise RigError(place, f"link '{min(apart)}' hangs in a loop of joints apart from '{roots[0]}'", "cut the loop")
+        raise RigError(
+            place,
+            f"link '{min(apart)}' hangs in a loop of joints apart from '{roots[0]}'",
+            "cut the loop",
+        )
     return roots[0]
 
 
@@ -121,7 +153,9 @@ def find_reached_links(robot: etree._Element, root: str) -> set[str]:
     """Return the links that joints lead to from `root`, itself included."""
     below: dict[str, list[str]] = {}
     for joint in robot.findall("joint"):
-        below.setdefault(joint.find("parent").get("link"), []).append(joint.find("child").get("link"))
+        below.setdefault(joint.find("parent").get("link"), []).append(
+            joint.find("child").get("link")
+        )
     links = {root}
     fresh = [root]
     while fresh:
@@ -132,7 +166,11 @@ def find_reached_links(robot: etree._Element, root: str) -> set[str]:
 
 def find_sensor_links(robot: etree._Element, kind: str) -> list[str]:
     """Return the links on which Gazebo's tags (``<gazebo reference="LINK"><sensor type="KIND">``) put a sensor."""
-    found = [tag.get("reference", "") for tag in robot.findall("gazebo") if tag.xpath("sensor[@type=$k]", k=kind)]
+    found = [
+        tag.get("reference", "")
+        for tag in robot.findall("gazebo")
+        if tag.xpath("sensor[@type=$k]", k=kind)
+    ]
     return [link for link in list_element_names(robot, "link") if link in found]
 
 
@@ -164,9 +202,13 @@ def load_checked(text: str, place: str) -> yourdfpy.Robot:
 
     check_joints(parse_checked(text, place), place)
     try:
-        return yourdfpy.URDF.load(io.BytesIO(text.encode()), build_scene_graph=False, load_meshes=False).robot
+        return yourdfpy.URDF.load(
+            io.BytesIO(text.encode()), build_scene_graph=False, load_meshes=False
+        ).robot
     except (ValueError, TypeError, AttributeError, LookupError) as error:
-        raise RigError(place, f"is not a URDF that yourdfpy reads ({error})", "mend the attribute it names") from error
+        raise RigError(
+            place, f"is not a URDF that yourdfpy reads ({error})", "mend the attribute it names"
+        ) from error
 
 
 def read_inertials(text: str) -> dict[str, LinkInertia]:
@@ -176,7 +218,11 @@ def read_inertials(text: str) -> dict[str, LinkInertia]:
         if (inertial := link.find("inertial")) is not None:
             at = read_pose(inertial)
             inertia = at.rotation @ read_inertia(inertial.find("inertia")) @ at.rotation.T
-            out[link.get("name")] = (float(inertial.find("mass").get("value")), np.array(at.translation), inertia)
+            out[link.get("name")] = (
+                float(inertial.find("mass").get("value")),
+                np.array(at.translation),
+                inertia,
+            )
     return out
 
 
@@ -204,7 +250,9 @@ def replace_friction(text: str, friction: Mapping[str, tuple[float, float]]) -> 
 
 def write_inertial(link: etree._Element, mass: float, com: np.ndarray, inertia: np.ndarray) -> None:
     """Set one link's ``<inertial>``, turned to the link's axes (rpy = 0)."""
-    origin, heavy, inert = (_get_child(_get_child(link, "inertial"), tag) for tag in ("origin", "mass", "inertia"))
+    origin, heavy, inert = (
+        _get_child(_get_child(link, "inertial"), tag) for tag in ("origin", "mass", "inertia")
+    )
     origin.set("xyz", format_numbers(com))
     origin.set("rpy", "0 0 0")
     heavy.set("value", f"{mass:.17g}")
@@ -225,13 +273,18 @@ def format_numbers(values: Sequence[float] | np.ndarray) -> str:
 
 def read_numbers(element: etree._Element | None, attribute: str, default: str) -> np.ndarray:
     """Return the numbers of an attribute, or those of `default` where it is not stated."""
-    return np.array((default if element is None else element.get(attribute, default)).split(), dtype=float)
+    return np.array(
+        (default if element is None else element.get(attribute, default)).split(), dtype=float
+    )
 
 
 def read_pose(element: etree._Element) -> pin.SE3:
     """Return the pose that an element's ``<origin>`` states."""
     origin = element.find("origin")
-    return pin.SE3(pin.rpy.rpyToMatrix(*read_numbers(origin, "rpy", "0 0 0")), read_numbers(origin, "xyz", "0 0 0"))
+    return pin.SE3(
+        pin.rpy.rpyToMatrix(*read_numbers(origin, "rpy", "0 0 0")),
+        read_numbers(origin, "xyz", "0 0 0"),
+    )
 
 
 def set_pose(element: etree._Element, at: pin.SE3) -> None:
@@ -264,10 +317,14 @@ def add_joint(
 def add_sensor(out: etree._Element, name: str, kind: str, link: str, at: pin.SE3) -> None:
     """Add a link without mass where a sensor sits, its x forward, and the tag that says so, as Gazebo writes it."""
     taken = {*list_element_names(out, "link"), *list_element_names(out, "joint")}
-    free = next(word for word in (name, f"{link}_{name}", f"{link}_{name}_{kind}") if word not in taken)
+    free = next(
+        word for word in (name, f"{link}_{name}", f"{link}_{name}_{kind}") if word not in taken
+    )
     etree.SubElement(out, "link", name=free)
     add_joint(out, f"{free}_on_{link}", "fixed", link, free, at)
-    etree.SubElement(etree.SubElement(out, "gazebo", reference=free), "sensor", name=name, type=kind)
+    etree.SubElement(
+        etree.SubElement(out, "gazebo", reference=free), "sensor", name=name, type=kind
+    )
 
 
 def add_visual(link: etree._Element, at: pin.SE3, shape: str, **sizes: str) -> etree._Element:

@@ -14,7 +14,14 @@ from gimbal_pin.rig.reading import LONGEST_NUMBER, parse_decimal
 
 MOVABLE = ("revolute", "continuous", "prismatic")
 _SHAPES = ("box", "cylinder", "sphere", "mesh")
-INERTIA_ENTRIES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+INERTIA_ENTRIES = (
+    ("ixx", 0, 0),
+    ("ixy", 0, 1),
+    ("ixz", 0, 2),
+    ("iyy", 1, 1),
+    ("iyz", 1, 2),
+    ("izz", 2, 2),
+)
 """Attribute, row and column of the entries of a URDF's inertia."""
 _MOST_JOINTS = 32
 """Most movable joints: `reduction.compute_kronecker_sequence` has three sequences for each of 33; `check` takes 4 s."""
@@ -29,7 +36,9 @@ _NARROWEST, _WIDEST = 1e-9, 1e3
 _NUMBERS: Mapping[str, Mapping[str, tuple[int, float]]] = {
     "origin": {"xyz": (3, _WIDEST), "rpy": (3, 1e3)},
     "axis": {"xyz": (3, 1e6)},
-    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), (1, 1e16)),  # what SDF writes for no limit
+    "limit": dict.fromkeys(
+        ("lower", "upper", "effort", "velocity"), (1, 1e16)
+    ),  # what SDF writes for no limit
     "dynamics": {"damping": (1, 1e6), "friction": (1, 1e6)},
     "mimic": {"multiplier": (1, 1e6), "offset": (1, 1e3)},
     "mass": {"value": (1, _HEAVIEST)},
@@ -46,7 +55,10 @@ _REQUIRED: Mapping[str, Sequence[str]] = {
     "limit": ["effort", "velocity"],
     "mesh": ["filename"],
     "mimic": ["joint"],
-    **{tag: list(_NUMBERS[tag]) for tag in ("mass", "inertia", "box", "cylinder", "sphere", "color")},
+    **{
+        tag: list(_NUMBERS[tag])
+        for tag in ("mass", "inertia", "box", "cylinder", "sphere", "color")
+    },
 }
 """Required attributes: readers differ in their defaults for a missing one, and some drop the whole tag."""
 
@@ -72,7 +84,9 @@ def check_names(robot: etree._Element, place: str, fixed: Collection[str] = ()) 
     for tag, elements in (("link", links), ("joint", joints)):
         if twice := find_repeated(element.get("name") for element in elements):
             raise RigError(place, f"two {tag}s are named '{twice[0]}'", "rename one")
-    free = [joint for joint in joints if joint.find("mimic") is None and joint.get("name") not in fixed]
+    free = [
+        joint for joint in joints if joint.find("mimic") is None and joint.get("name") not in fixed
+    ]
     movable = {joint.get("name") for joint in free if joint.get("type") in MOVABLE}
     if len(links) > MOST_LINKS or len(movable) > _MOST_JOINTS:
         what = f"has {len(links)} links and {len(movable)} movable joints"
@@ -122,9 +136,13 @@ def check_numbers(robot: etree._Element, place: str) -> None:
         shape = solid.find("geometry/*")
         if shape is None or shape.tag not in _SHAPES:
             where = f"{place}:{solid.sourceline}"
-            raise RigError(where, f"<{solid.tag}> has no shape", f"give its <geometry> a {', '.join(_SHAPES)}")
+            raise RigError(
+                where, f"<{solid.tag}> has no shape", f"give its <geometry> a {', '.join(_SHAPES)}"
+            )
     solids = "link/visual/origin | link/collision/origin | link/visual/geometry/* | link/collision/geometry/*"
-    for element in robot.xpath(f"joint/* | link/inertial/* | {solids} | link/visual/material/color | material/color"):
+    for element in robot.xpath(
+        f"joint/* | link/inertial/* | {solids} | link/visual/material/color | material/color"
+    ):
         where = f"{place}:{element.sourceline}"
         for attribute in _REQUIRED.get(element.tag, ()):
             if element.get(attribute) is None:
@@ -157,13 +175,24 @@ def check_joints(robot: etree._Element, place: str) -> None:
         if kind == "fixed":
             continue
         if kind not in MOVABLE:
-            raise RigError(where, f"is of type {kind}", f"use one of {', '.join(MOVABLE)}, or fixed")
+            raise RigError(
+                where, f"is of type {kind}", f"use one of {', '.join(MOVABLE)}, or fixed"
+            )
         axis, limit, dynamics = (joint.find(tag) for tag in ("axis", "limit", "dynamics"))
         # An exporter's rounding has no direction.
-        if axis is not None and not np.linalg.norm([float(x) for x in axis.get("xyz").split()]) > 1e-6:
-            raise RigError(where, "has an axis of zero length", "give a direction, e.g. xyz='0 0 1'")
+        if (
+            axis is not None
+            and not np.linalg.norm([float(x) for x in axis.get("xyz").split()]) > 1e-6
+        ):
+            raise RigError(
+                where, "has an axis of zero length", "give a direction, e.g. xyz='0 0 1'"
+            )
         if kind != "continuous" and limit is None:
-            raise RigError(where, "has no <limit>", "give lower, upper, effort and velocity, or make it continuous")
+            raise RigError(
+                where,
+                "has no <limit>",
+                "give lower, upper, effort and velocity, or make it continuous",
+            )
         if limit is not None:
             lower, upper, effort, velocity = (
                 float(limit.get(key, "0")) for key in ("lower", "upper", "effort", "velocity")
@@ -172,10 +201,17 @@ def check_joints(robot: etree._Element, place: str) -> None:
                 raise RigError(where, f"has lower limit {lower} above upper {upper}", "swap them")
             if min(effort, velocity) < 0:
                 raise RigError(where, "has a negative limit of effort or velocity", "give its size")
-        if dynamics is not None and min(float(dynamics.get(key, "0")) for key in ("damping", "friction")) < 0:
+        if (
+            dynamics is not None
+            and min(float(dynamics.get(key, "0")) for key in ("damping", "friction")) < 0
+        ):
             raise RigError(where, "has negative friction or damping", "give its size, or 0")
     if not any(joint.get("type") in MOVABLE and joint.find("mimic") is None for joint in joints):
-        raise RigError(place, "has no movable joint", "give at least one revolute, continuous or prismatic joint")
+        raise RigError(
+            place,
+            "has no movable joint",
+            "give at least one revolute, continuous or prismatic joint",
+        )
 
 
 def is_weightless(inertial: etree._Element, is_fixed: bool) -> bool:
@@ -201,7 +237,9 @@ def check_inertial(link: etree._Element, place: str) -> None:
     inertia = inertial.find("inertia")
     if mass is None or not float(mass.get("value")) > 0:
         stated = "no mass" if mass is None else f"mass {mass.get('value')}"
-        raise RigError(where, f"has {stated}", "give a positive mass in kg, or leave <inertial> out")
+        raise RigError(
+            where, f"has {stated}", "give a positive mass in kg, or leave <inertial> out"
+        )
     if inertia is None:
         raise RigError(where, "has a mass but no inertia", "give <inertia> in kg m²")
     if not _LIGHTEST <= float(mass.get("value")) <= _HEAVIEST:

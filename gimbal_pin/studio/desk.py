@@ -19,7 +19,14 @@ from gimbal_pin.rig.files import bundled_payloads
 from gimbal_pin.studio.figures import ResidualFigure, compute_residual
 from gimbal_pin.studio.saving import Writer, keep_earlier_files
 from gimbal_pin.studio.state import History, StudioState
-from gimbal_pin.studio.subject import StudioSource, Subject, build_model, mount_payload, prepare_subject, tune_state
+from gimbal_pin.studio.subject import (
+    StudioSource,
+    Subject,
+    build_model,
+    mount_payload,
+    prepare_subject,
+    tune_state,
+)
 
 
 @dataclass
@@ -40,7 +47,9 @@ class Desk:
     folder: Path
     about: Mapping[str, Any]
     history: History = field(default_factory=History)
-    subjects: dict[tuple[str | None, tuple[float, float] | None], Subject] = field(default_factory=dict)
+    subjects: dict[tuple[str | None, tuple[float, float] | None], Subject] = field(
+        default_factory=dict
+    )
     gimbal: tuple[StudioState, TuningBasis, ResidualFigure | None] | None = None
     kept: dict[str, Writer] = field(default_factory=dict)
 
@@ -73,7 +82,11 @@ class Desk:
     def draw_scene(self, payload: str | None = None) -> str:
         """Return the page of the rig with a payload, small: it plays the first log, or stands at home."""
         rig = mount_payload(self.source.rig, payload)
-        log = self.source.logs[0] if self.source.logs else Log("home", rig.joints, np.zeros(1), home(rig)[None])
+        log = (
+            self.source.logs[0]
+            if self.source.logs
+            else Log("home", rig.joints, np.zeros(1), home(rig)[None])
+        )
         look = files("gimbal_pin.studio").joinpath("scene.css").read_text(encoding="utf-8")
         return record(rig, log).replace("</head>", f"<style>{look}</style></head>")
 

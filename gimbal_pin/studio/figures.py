@@ -59,7 +59,9 @@ def compute_residual(subject: Subject, model: Model) -> ResidualFigure | None:
     return ResidualFigure(t, error, torque_rmse(evidence, model))
 
 
-def simulate_pointing(subject: Subject, state: StudioState, tuning: Tuning) -> PointingFigure | None:
+def simulate_pointing(
+    subject: Subject, state: StudioState, tuning: Tuning
+) -> PointingFigure | None:
     """Hold the camera of the state's gimbal with the controller; None where the rig cannot hold it.
 
     The gimbal has every cause, the controller knows those that are on.

@@ -50,18 +50,29 @@ def build_chart(x: Options, y: Options, series: Sequence[Options], **more: Any) 
             "data": list(dict.fromkeys(s["name"] for s in series if s.get("name"))),
         },
         "tooltip": {"trigger": "axis", "confine": True},
-        "xAxis": {**plain, "nameGap": 26, "axisLabel": {**plain["axisLabel"], "showMaxLabel": False}, **x},
+        "xAxis": {
+            **plain,
+            "nameGap": 26,
+            "axisLabel": {**plain["axisLabel"], "showMaxLabel": False},
+            **x,
+        },
         "yAxis": {**plain, "nameGap": 40, **y},
         "series": list(series),
         **more,
     }
 
 
-def build_line(name: str, x: Array, y: Array, colour: str, points: int = 600, **more: Any) -> Options:
+def build_line(
+    name: str, x: Array, y: Array, colour: str, points: int = 600, **more: Any
+) -> Options:
     """Return a curve of a chart, thinned to what can be seen where x increases."""
     if np.all(np.diff(x) > 0):
         x, y = thinned(x, y, points)
-    look = {"color": colour, "width": more.pop("width", 1.6), "type": more.pop("dashes", ()) or "solid"}
+    look = {
+        "color": colour,
+        "width": more.pop("width", 1.6),
+        "type": more.pop("dashes", ()) or "solid",
+    }
     return {
         "type": "line",
         "name": name,
@@ -95,10 +106,15 @@ def build_nyquist_options(tuning: Tuning) -> Options:
     disk = compute_disk(min(curve.margins.disk_margin for curve in tuning.loop_curves))
     look = {"areaStyle": {"color": PLAIN, "opacity": 0.0}, "width": 1.2, "silent": True}
     lines.append(build_line("disk kept clear", disk[:, 0], disk[:, 1], PLAIN, **look))
-    lines.append({"type": "scatter", "data": [[-1, 0]], "symbolSize": 7, "color": "#e23b2f", "silent": True})
+    lines.append(
+        {"type": "scatter", "data": [[-1, 0]], "symbolSize": 7, "color": "#e23b2f", "silent": True}
+    )
     square: Options = {"tooltip": {"show": False}}
     return build_chart(
-        {"min": -3, "max": 1, "name": "real"}, {"min": -2, "max": 2, "name": "imaginary"}, lines, **square
+        {"min": -3, "max": 1, "name": "real"},
+        {"min": -2, "max": 2, "name": "imaginary"},
+        lines,
+        **square,
     )
 
 
@@ -106,10 +122,14 @@ def build_step_options(tuning: Tuning) -> Options:
     """Return the angle of every loop after a step of 1 rad/s² of disturbing acceleration."""
     colours = list_colours(tuning.model.rig)
     lines = [
-        build_line(", ".join(one.joints), 1e3 * one.t, one.answer, colours[one.joints[0]], dashes=dashes)
+        build_line(
+            ", ".join(one.joints), 1e3 * one.t, one.answer, colours[one.joints[0]], dashes=dashes
+        )
         for one, dashes in zip(tuning.loop_curves, nest_dashes(len(tuning.loop_curves)))
     ]
-    return build_chart({"name": "time, ms", "min": 0, "max": "dataMax"}, {"name": "error, mrad"}, lines)
+    return build_chart(
+        {"name": "time, ms", "min": 0, "max": "dataMax"}, {"name": "error, mrad"}, lines
+    )
 
 
 def build_pointing_options(found: PointingFigure) -> Options:
@@ -118,9 +138,13 @@ def build_pointing_options(found: PointingFigure) -> Options:
     t = 1e3 * found.run.t[found.run.counted]
     lines = [
         build_line(name, t, 1e3 * column, colour)
-        for name, column, colour in zip(("up and down", "left and right"), fast.T, ("#1a75f2", "#d98200"))
+        for name, column, colour in zip(
+            ("up and down", "left and right"), fast.T, ("#1a75f2", "#d98200")
+        )
     ]
-    return build_chart({"name": "time, ms", "min": "dataMin", "max": "dataMax"}, {"name": "error, mrad"}, lines)
+    return build_chart(
+        {"name": "time, ms", "min": "dataMin", "max": "dataMax"}, {"name": "error, mrad"}, lines
+    )
 
 
 def build_residual_options(found: ResidualFigure, rig: Rig) -> Options:
@@ -133,7 +157,9 @@ def build_residual_options(found: ResidualFigure, rig: Rig) -> Options:
         build_line(joint, times - t[0], column, colour)
         for (joint, colour), column in zip(list_colours(rig).items(), broken.T)
     ]
-    return build_chart({"name": "time, s", "min": 0, "max": "dataMax"}, {"name": f"residual, {rig.force}"}, lines)
+    return build_chart(
+        {"name": "time, s", "min": 0, "max": "dataMax"}, {"name": f"residual, {rig.force}"}, lines
+    )
 
 
 def build_log_options(logs: Sequence[Log], rig: Rig, judged: tuple[float, float] | None) -> Options:
@@ -146,7 +172,11 @@ def build_log_options(logs: Sequence[Log], rig: Rig, judged: tuple[float, float]
         for joint, column in zip(joints, log.q[:, log.columns(rig)].T):
             lines.append(build_line(joint.name, t, joint.scale * column, joint.colour, points))
     ends = [] if judged is None else [[{"xAxis": judged[0]}, {"xAxis": judged[1]}]]
-    lines[0]["markArea"] = {"silent": True, "itemStyle": {"color": PLAIN, "opacity": 0.3}, "data": ends}
+    lines[0]["markArea"] = {
+        "silent": True,
+        "itemStyle": {"color": PLAIN, "opacity": 0.3},
+        "data": ends,
+    }
     brush = {"xAxisIndex": 0, "throttleType": "debounce", "throttleDelay": 100, "toolbox": [""]}
     unit = " or ".join(dict.fromkeys(joint.unit for joint in joints))
     x: Options = {"name": "time, s", "min": 0, "max": "dataMax"}
@@ -167,7 +197,11 @@ def build_table(tuning: Tuning, residual: ResidualFigure | None) -> Table:
         for joint, row, rms in zip(rig.joints, rows, residual.rms.tolist()):
             factor, unit = torque_unit(rms, rig.in_units(joint, "N m"))
             row.append(f"{figures(factor * rms)} {unit}")
-    of = f"the worst of {tuning.draws} models drawn from the covariance" if tuning.draws else "the believed model"
+    of = (
+        f"the worst of {tuning.draws} models drawn from the covariance"
+        if tuning.draws
+        else "the believed model"
+    )
     return Table(head, rows, caption=f"Margins are those of {of}.")
 
 

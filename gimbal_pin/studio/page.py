@@ -111,12 +111,17 @@ class Window:
             self.forth = self.build_button("Redo", self.redo)
             controller, report = list_studio_files()
             self.build_button("Save controller", partial(self.save, controller, keep_controller))
-            self.build_button("Save report", partial(self.save, report, lambda tuning, folder: keep_report(tuning)))
+            self.build_button(
+                "Save report",
+                partial(self.save, report, lambda tuning, folder: keep_report(tuning)),
+            )
         self.said = ui.label("").classes("said").props('role="status"')
 
     def build_button(self, title: str, act: Callable[[], object]) -> Any:
         """Return a button of the head."""
-        look = f"outline dense no-caps padding='4px 10px' data-act={title.lower().replace(' ', '-')}"
+        look = (
+            f"outline dense no-caps padding='4px 10px' data-act={title.lower().replace(' ', '-')}"
+        )
         return ui.button(title, on_click=act).props(look)
 
     def build_cameras(self) -> None:
@@ -128,19 +133,26 @@ class Window:
             ui.html("Mount another camera", tag="strong", sanitize=False)
             self.camera_list = ui.element("div").classes("cameras-list")
             path = ui.input("or the path of its URDF").props("dense outlined")
-            ui.button("Mount", on_click=lambda: self.swap(path.value.strip() or None)).props("no-caps")
+            ui.button("Mount", on_click=lambda: self.swap(path.value.strip() or None)).props(
+                "no-caps"
+            )
         self.build_button("Swap camera", self.show_cameras)
 
     def build_controls(self) -> None:
         """Build a slider with its number for each choice, and a box for each cause."""
-        groups = {"Controller": ("bandwidth_hz", "disk_margin", "delay"), "Payload": ("x", "y", "z", "mass")}
+        groups = {
+            "Controller": ("bandwidth_hz", "disk_margin", "delay"),
+            "Payload": ("x", "y", "z", "mass"),
+        }
         for title, names in groups.items():
             with ui.element("section").classes("card"):
                 ui.html(title, tag="h2", sanitize=False)
                 for name in [name for name in names if name in self.handles]:
                     self.build_choice(name)
                 if not any(name in self.handles for name in names):
-                    ui.label("The rig carries no payload of its own: swap the camera to mount one.").classes("side")
+                    ui.label(
+                        "The rig carries no payload of its own: swap the camera to mount one."
+                    ).classes("side")
         with ui.element("section").classes("card"):
             ui.html("Causes that the controller knows", tag="h2", sanitize=False)
             self.causes = ui.element("div").classes("causes")
@@ -159,7 +171,9 @@ class Window:
             )
             slider = ui.slider(min=handle.low, max=handle.high, step=handle.step)
             slider.props(f'dense aria-label="{choice.label}" data-slider="{name}"')
-            self.notes[name] = ui.label("").classes("note").props(f'role="alert" data-note="{name}"')
+            self.notes[name] = (
+                ui.label("").classes("note").props(f'role="alert" data-note="{name}"')
+            )
         self.sliders[name], self.numbers[name] = slider, number
         slider.on_value_change(lambda event: self.slide(name, event.value))
         slider.on("change", lambda event: self.move(name, round(event.args, 6) / choice.factor))
@@ -183,10 +197,15 @@ class Window:
                 self.charts["log"].on("chart:brushEnd", self.brush, ["areas"])
                 with ui.element("div").classes("judged"):
                     self.judged = ui.label("").classes("side")
-                    ui.button("As proposed", on_click=partial(self.move, "judged", None)).props("flat dense no-caps")
+                    ui.button("As proposed", on_click=partial(self.move, "judged", None)).props(
+                        "flat dense no-caps"
+                    )
             with self.build_card("Residual of the judged part"):
                 self.charts["residual"] = ui.echart({}).classes("chart")
-        for name, title in (("nyquist", "Nyquist"), ("step", "After a step of 1 rad/s² of disturbance")):
+        for name, title in (
+            ("nyquist", "Nyquist"),
+            ("step", "After a step of 1 rad/s² of disturbance"),
+        ):
             with self.build_card(title):
                 self.charts[name] = ui.echart({}).classes(f"chart {name}")
         with self.build_card("Line of sight on a platform that is shaken").classes("wide"):
@@ -194,9 +213,9 @@ class Window:
                 ui.label(f"This rig cannot hold its camera: {self.subject.unable}.").classes("side")
             else:
                 self.charts["pointing"] = ui.echart({}).classes("chart")
-                ui.label("Half a second of profile S; 'gimbal-pin track' measures 30 s and against a PID.").classes(
-                    "side"
-                )
+                ui.label(
+                    "Half a second of profile S; 'gimbal-pin track' measures 30 s and against a PID."
+                ).classes("side")
 
     def build_card(self, title: str) -> Any:
         """Return an open card with a title."""
@@ -212,7 +231,9 @@ class Window:
         if not self.is_setting and position is not None:
             shown = round(position, 6)
             self.set_value(self.numbers[name], shown)
-            await self.show(self.desk.history.present.moved(name, shown / self.choices[name].factor))
+            await self.show(
+                self.desk.history.present.moved(name, shown / self.choices[name].factor)
+            )
 
     async def enter_number(self, name: str) -> None:
         """Choose the number that was typed; without one the field says again what is chosen."""
@@ -257,7 +278,9 @@ class Window:
         self.camera_list.clear()
         with self.camera_list:
             for name in self.desk.list_cameras():
-                ui.button(name, on_click=partial(self.swap, name)).props("flat no-caps align=left").classes("camera")
+                ui.button(name, on_click=partial(self.swap, name)).props(
+                    "flat no-caps align=left"
+                ).classes("camera")
         self.cameras.open()
 
     async def swap(self, payload: str | None) -> None:
@@ -275,7 +298,9 @@ class Window:
         tuning = self.tuning
         desk = self.desk
         if tuning is None:
-            self.say("what is chosen has no controller: choose something else, or undo", is_bad=True)
+            self.say(
+                "what is chosen has no controller: choose something else, or undo", is_bad=True
+            )
             return
         try:
             path = await run.io_bound(lambda: desk.save_file(name, keep(tuning, desk.folder)))
@@ -318,7 +343,9 @@ class Window:
         self.desk.history = self.desk.history.refused(state)
         if self.wanted == state:
             self.wanted = self.desk.history.present
-        asked = [name for name in self.numbers if getattr(state, name) != getattr(self.wanted, name)]
+        asked = [
+            name for name in self.numbers if getattr(state, name) != getattr(self.wanted, name)
+        ]
         self.say("" if asked else why, is_bad=True)
         self.list_boxes(self.wanted)
         return dict.fromkeys(asked, why)
@@ -349,12 +376,16 @@ class Window:
             shown = {"series": []}
             said = str(error)
         self.put("pointing", shown)
-        self.jitter.set_content(Markup('<p>jitter <b data-figure="jitter">{}</b></p>').format(said) if said else "")
+        self.jitter.set_content(
+            Markup('<p>jitter <b data-figure="jitter">{}</b></p>').format(said) if said else ""
+        )
         self.say("")
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 
-    def draw_loops(self, state: StudioState, tuning: Tuning, residual: ResidualFigure | None) -> None:
+    def draw_loops(
+        self, state: StudioState, tuning: Tuning, residual: ResidualFigure | None
+    ) -> None:
         """Show the loops, the residual, and what is chosen."""
         rig = self.subject.rig
         source = self.desk.source
@@ -374,14 +405,24 @@ class Window:
                 pen = {"type": "takeGlobalCursor", "key": "brush"}
                 pen["brushOption"] = {"brushType": "lineX", "brushMode": "single"}  # type: ignore[assignment]
                 with self.log_card:
-                    ui.timer(0.3, lambda: self.charts["log"].run_chart_method("dispatchAction", pen), once=True)
+                    ui.timer(
+                        0.3,
+                        lambda: self.charts["log"].run_chart_method("dispatchAction", pen),
+                        once=True,
+                    )
             self.judged.set_text(options.describe_judged(source, state))
         self.table.set_content(options.build_table(tuning, residual).__html__())
         self.other_camera.set_text(describe_other_camera(source, state))
-        reasons = [one for one in tuning.reasons if one.kind is not ReasonKind.LOWERED]  # those stand beside the field
+        reasons = [
+            one for one in tuning.reasons if one.kind is not ReasonKind.LOWERED
+        ]  # those stand beside the field
         said = [*tuning.warnings, *tuning.doubts, *map(str, reasons)]
-        self.reasons.set_content(Markup("").join(Markup("<p>{}</p>").format(one) for one in said[:4]))
-        self.scene.props(f'src="scene?{urlencode({"payload": state.payload} if state.payload else {})}"')
+        self.reasons.set_content(
+            Markup("").join(Markup("<p>{}</p>").format(one) for one in said[:4])
+        )
+        self.scene.props(
+            f'src="scene?{urlencode({"payload": state.payload} if state.payload else {})}"'
+        )
         if self.wanted == state:
             self.list_boxes(state)
             self.set_values()
@@ -407,12 +448,13 @@ class Window:
             self.causes.clear()
             with self.causes:
                 self.boxes = {
-                    name: ui.checkbox(name, value=True, on_change=self.tick).props("dense") for name in causes
+                    name: ui.checkbox(name, value=True, on_change=self.tick).props("dense")
+                    for name in causes
                 }
                 if all(name.split()[0] in ("coulomb", "viscous") for name in causes):
-                    ui.label("Further causes are diagnose's to find: give its extended.yaml as --model.").classes(
-                        "side"
-                    )
+                    ui.label(
+                        "Further causes are diagnose's to find: give its extended.yaml as --model."
+                    ).classes("side")
         for name, box in self.boxes.items():
             self.set_value(box, name not in state.off)
 
@@ -444,7 +486,10 @@ class Window:
         for name, handle in self.handles.items():
             shown = self.read_shown(name)
             self.set_value(self.numbers[name], shown)
-            self.set_value(self.sliders[name], None if shown is None else min(max(shown, handle.low), handle.high))
+            self.set_value(
+                self.sliders[name],
+                None if shown is None else min(max(shown, handle.low), handle.high),
+            )
         notes = dict(refused or {})
         if self.tuning is not None:
             late = self.tuning.wish.delay / self.tuning.wish.dt

@@ -23,7 +23,11 @@ def list_studio_files() -> tuple[str, str]:
 def keep_earlier_files(folder: Path) -> dict[str, Writer]:
     """Return what writes again the files of an earlier session in the same folder."""
     there = (folder / name for name in list_studio_files())
-    return {path.name: partial(atomic_write, content=path.read_bytes()) for path in there if path.is_file()}
+    return {
+        path.name: partial(atomic_write, content=path.read_bytes())
+        for path in there
+        if path.is_file()
+    }
 
 
 def keep_controller(tuning: Tuning, folder: Path) -> Writer:
@@ -37,5 +41,7 @@ def keep_report(tuning: Tuning, plants: int = 20) -> Writer:
     `plants`: perturbed plants that it is judged on, a fifth of a second each; `tune` takes 50.
     """
     model = tuning.model
-    judged = judge_controllers(model, pair_rivals(tuning.stored), rng=0, plants=plants, delay=tuning.wish.delay)
+    judged = judge_controllers(
+        model, pair_rivals(tuning.stored), rng=0, plants=plants, delay=tuning.wish.delay
+    )
     return join_documents([describe_record(tuning), describe_record(judged)]).write

@@ -35,10 +35,23 @@ class Gate:
         if scope["type"] == "lifespan" or self._is_ours(scope):
             await self.app(scope, receive, send)
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})  # before it was accepted: HTTP 403
+            await send(
+                {"type": "websocket.close", "code": 1008}
+            )  # before it was accepted: HTTP 403
         else:
-            await send({"type": "http.response.start", "status": 403, "headers": [(b"content-type", b"text/plain")]})
-            await send({"type": "http.response.body", "body": b"403: open the address that gimbal-pin studio printed"})
+            await send(
+                {
+                    "type": "http.response.start",
+                    "status": 403,
+                    "headers": [(b"content-type", b"text/plain")],
+                }
+            )
+            await send(
+                {
+                    "type": "http.response.body",
+                    "body": b"403: open the address that gimbal-pin studio printed",
+                }
+            )
 
     def _is_ours(self, scope: Any) -> bool:
         """Whether a request knows the token and comes from this machine's own page."""
@@ -47,7 +60,9 @@ class Gate:
         origin = headers.get(b"origin", f"http://{host}".encode()).decode("latin-1")
         first = scope["path"].split("/")[1]
         knows = secrets.compare_digest(first.encode(), self.token.encode())
-        return knows and host.partition(":")[0] in (HOME, "localhost") and origin == f"http://{host}"
+        return (
+            knows and host.partition(":")[0] in (HOME, "localhost") and origin == f"http://{host}"
+        )
 
 
 class OneLineFormatter(logging.Formatter):
@@ -120,8 +135,12 @@ def serve_desk(desk: Desk, announce: Callable[[str], object]) -> None:
     try:
         door = socket.create_server((HOME, 0))
     except OSError as error:
-        raise UsageError("studio", f"no port on {HOME} ({error.strerror})", "end a program that holds ports") from error
-    config = uvicorn.Config(Gate(app, token), log_level="error", timeout_graceful_shutdown=1, server_header=False)
+        raise UsageError(
+            "studio", f"no port on {HOME} ({error.strerror})", "end a program that holds ports"
+        ) from error
+    config = uvicorn.Config(
+        Gate(app, token), log_level="error", timeout_graceful_shutdown=1, server_header=False
+    )
     with door, contextlib.suppress(KeyboardInterrupt):
         announce(f"http://{HOME}:{door.getsockname()[1]}/{token}/")
         uvicorn.Server(config).run(sockets=[door])

@@ -89,7 +89,11 @@ class StudioState:
         elif name == "judged" and value is not None:
             first, last = (Slider("judged part", 0.0, 1e10, "s").check_value(end) for end in value)
             if last <= first:
-                raise UsageError("judged part", f"ends at {last:g} s, not after {first:g}", "mark some time of the log")
+                raise UsageError(
+                    "judged part",
+                    f"ends at {last:g} s, not after {first:g}",
+                    "mark some time of the log",
+                )
             value = first, last
         if name == "payload" and value != self.payload:
             return replace(self, payload=value, x=0.0, y=0.0, z=0.0, mass=None)
@@ -122,15 +126,25 @@ class History:
 
     def undone(self) -> History:
         """Return it one change earlier; at the first state the same."""
-        return History(self.past[-1], self.past[:-1], (self.present, *self.future)) if self.past else self
+        return (
+            History(self.past[-1], self.past[:-1], (self.present, *self.future))
+            if self.past
+            else self
+        )
 
     def redone(self) -> History:
         """Return it one change later; at the last state the same."""
-        return History(self.future[0], (*self.past, self.present), self.future[1:]) if self.future else self
+        return (
+            History(self.future[0], (*self.past, self.present), self.future[1:])
+            if self.future
+            else self
+        )
 
     def refused(self, state: StudioState) -> History:
         """Return it without a state that cannot be: shown is then the one before it, or the one after; if any is."""
-        past, future = (tuple(one for one in side if one != state) for side in (self.past, self.future))
+        past, future = (
+            tuple(one for one in side if one != state) for side in (self.past, self.future)
+        )
         if self.present != state:
             return History(self.present, past, future)
         if past:

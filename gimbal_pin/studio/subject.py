@@ -100,8 +100,14 @@ def prepare_subject(
     parts = logs if judged is None or not logs else split_at(logs, *judged)
     how = None if parts is logs else f"log:{len(parts)}"
     if model is None:
-        model = identify(rig, parts, holdout=how, filtering=filters, examined="never").model if logs else nominal(rig)
-        judges = split_logs(parts, how, filters or limit_cutoff(Filtering(), logs))[1] if logs else ()
+        model = (
+            identify(rig, parts, holdout=how, filtering=filters, examined="never").model
+            if logs
+            else nominal(rig)
+        )
+        judges = (
+            split_logs(parts, how, filters or limit_cutoff(Filtering(), logs))[1] if logs else ()
+        )
     else:
         judges = logs if parts is logs else parts[-1:]
     evidence = gather_for_judgement(rig, judges, limit_band(judges)) if judges else None
@@ -138,15 +144,21 @@ def split_at(logs: Sequence[Log], first: float, last: float) -> tuple[Log, ...]:
     log = logs[k]
     others = (*logs[:k], *logs[k + 1 :])
     begin, end = np.searchsorted(log.t - log.t[0] + list_ends(logs)[k], [first, last]).tolist()
-    around = [log.part(part) for part in (slice(0, begin), slice(end, None)) if len(log.t[part]) > 1]
+    around = [
+        log.part(part) for part in (slice(0, begin), slice(end, None)) if len(log.t[part]) > 1
+    ]
     if end - begin < 2 or not (around or others):
-        raise UsageError("judged part", "leaves nothing to judge or to learn from", "mark a third of the log")
+        raise UsageError(
+            "judged part", "leaves nothing to judge or to learn from", "mark a third of the log"
+        )
     return (*around, *others, log.part(slice(begin, end)))
 
 
 def list_causes(model: Model) -> tuple[str, ...]:
     """Return the causes of a model that can be switched off: torques and drives, ``coulomb at yaw``."""
-    return tuple(dict.fromkeys(map(name_cause, (*(term.effect for term in model.terms), *model.drive))))
+    return tuple(
+        dict.fromkeys(map(name_cause, (*(term.effect for term in model.terms), *model.drive)))
+    )
 
 
 def name_cause(cause: Cause) -> str:
@@ -198,7 +210,13 @@ def _select_terms(known: Estimated, terms: Sequence[Term], kept: Sequence[Term])
     places = [range(base), *(range(a, b) for a, b, keep in zip(ends, ends[1:], is_kept) if keep)]
     at = list(itertools.chain.from_iterable(places))
     names, units = (tuple(row[k] for k in at) for row in (known.names, known.units))
-    return replace(known, names=names, units=units, theta=known.theta[at], covariance=known.covariance[np.ix_(at, at)])
+    return replace(
+        known,
+        names=names,
+        units=units,
+        theta=known.theta[at],
+        covariance=known.covariance[np.ix_(at, at)],
+    )
 
 
 def tune_state(subject: Subject, state: StudioState, basis: TuningBasis | None = None) -> Tuning:
@@ -225,13 +243,21 @@ def transfer_bodies(model: Model, given: Rig, other: Rig) -> Model:
         UsageError: The joints are others, or the inertia is not positive at some pose.
     """
     if other.joints != given.joints:
-        raise UsageError("payload", f"brings the joints {', '.join(other.joints)}", "choose one without joints")
+        raise UsageError(
+            "payload", f"brings the joints {', '.join(other.joints)}", "choose one without joints"
+        )
     change = other.phi - given.phi
     rig = other.with_phi(model.rig.phi + change)
     if not is_inertia_positive(rig):
-        raise UsageError("payload", "leaves the joints an inertia that no rig has", "move it back, or make it heavier")
+        raise UsageError(
+            "payload",
+            "leaves the joints an inertia that no rig has",
+            "move it back, or make it heavier",
+        )
     known = model.estimated
-    return replace(model, rig=rig, estimated=None if known is None else _move_parameters(known, model, change))
+    return replace(
+        model, rig=rig, estimated=None if known is None else _move_parameters(known, model, change)
+    )
 
 
 def _move_parameters(known: Estimated, model: Model, change: Array) -> Estimated:

@@ -22,7 +22,8 @@ PARTS = {part.__name__.rpartition(".")[2]: part for part in (
 
 
 def main(
-    only: Sequence[str] = tuple(PARTS), json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    only: Sequence[str] = tuple(PARTS),
+    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
 ) -> None:
     """Compare speed, memory and excitation with their requirements, on the bundled rig `thesis`.
 

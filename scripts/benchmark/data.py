@@ -32,7 +32,9 @@ def exciting(rig: Rig, rng: np.random.Generator) -> Motion:
     return series.motion(coefficients * ROOM / (peaks / np.array(limits)).max(axis=1), t)
 
 
-def repeated(period: Array, count: int, noise: Array | float = 0.0, rng: np.random.Generator | None = None) -> Array:
+def repeated(
+    period: Array, count: int, noise: Array | float = 0.0, rng: np.random.Generator | None = None
+) -> Array:
     """Repeat the rows of `period` up to `count` of them, with fresh noise each time, read-only, (count, n)."""
     out = np.empty((count, period.shape[1]))
     for begin in range(0, count, len(period)):

@@ -14,7 +14,14 @@ from tqdm import tqdm
 
 from benchmark.figure import Figure
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.excitation import Condition, Envelope, ExcitationColumns, ExcitationProblem, Series, excite
+from gimbal_pin.excitation import (
+    Condition,
+    Envelope,
+    ExcitationColumns,
+    ExcitationProblem,
+    Series,
+    excite,
+)
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import compute_direction
 from gimbal_pin.rig.rig import Rig
@@ -85,7 +92,12 @@ def measure() -> Iterator[Figure]:
 def compared(name: str, at: dict[str, list[Entry]], required: bool) -> Iterator[Figure]:
     """Yield the figures of a rig."""
     of = f"excitation of {name}, {STARTS} starts: "
-    labels = {"slsqp": "plain SLSQP", "cma": "CMA-ES", "splines": "splines by SLSQP", "ours": "ours"}
+    labels = {
+        "slsqp": "plain SLSQP",
+        "cma": "CMA-ES",
+        "splines": "splines by SLSQP",
+        "ours": "ours",
+    }
     for way, label in labels.items():
         if way in at:
             yield Figure(f"{of}{label}, condition number", median(one.condition for one in at[way]))
@@ -101,25 +113,42 @@ def ratios(of: str, at: dict[str, list[Entry]], required: bool) -> Iterator[Figu
     """Yield ours over the others', medians over the same seeds; requirements are on the reference problem."""
     usual = {way: median(one.condition for one in found) for way, found in at.items()}
     rest = min(condition for way, condition in usual.items() if way != "ours")
-    yield Figure(f"{of}condition of ours / best other's", usual["ours"] / rest, at_most=1.0 if required else None)
+    yield Figure(
+        f"{of}condition of ours / best other's",
+        usual["ours"] / rest,
+        at_most=1.0 if required else None,
+    )
     mine = at["ours"]
     others = [found for way, found in at.items() if way != "ours"]
-    worst = max(one.condition / min(rival.condition for rival in rivals) for one, *rivals in zip(mine, *others))
+    worst = max(
+        one.condition / min(rival.condition for rival in rivals)
+        for one, *rivals in zip(mine, *others)
+    )
     yield Figure(f"{of}the same, worst of {SEEDS} seeds", worst)
     ratio = median(one.seconds / plain.seconds for one, plain in zip(mine, at["slsqp"]))
-    yield Figure(f"{of}CPU time of ours / plain SLSQP's", ratio, at_most=1 / 3 if required else None)
-    yield Figure(f"{of}ours, largest share of a limit, dense grid", max(one.share for one in mine), at_most=1.0)
+    yield Figure(
+        f"{of}CPU time of ours / plain SLSQP's", ratio, at_most=1 / 3 if required else None
+    )
+    yield Figure(
+        f"{of}ours, largest share of a limit, dense grid",
+        max(one.share for one in mine),
+        at_most=1.0,
+    )
 
 
 def problem(rig: Rig, series: Series) -> ExcitationProblem:
     """What all of them minimise, and the limits on the grid that all of them see."""
-    return ExcitationProblem(nominal(rig), series, ExcitationColumns.of(rig), Condition(), Envelope.of(rig, MARGIN))
+    return ExcitationProblem(
+        nominal(rig), series, ExcitationColumns.of(rig), Condition(), Envelope.of(rig, MARGIN)
+    )
 
 
 def compute_objective(at: ExcitationProblem, x: Array) -> float:
     """Return what `ExcitationProblem.evaluate` does, without the gradient, which these ways do not use."""
     motion = at.motion(x, at.coarse)
-    return at.criterion.value(at.columns.scale_rows(motion, compute_direction(motion.v, motion.a, at.step)))
+    return at.criterion.value(
+        at.columns.scale_rows(motion, compute_direction(motion.v, motion.a, at.step))
+    )
 
 
 def judged(rig: Rig, series: Series, coefficients: Array, seconds: float) -> Entry:
@@ -159,7 +188,11 @@ def by_slsqp(rig: Rig, at: ExcitationProblem, seed: int) -> Entry:
         room = {"type": "ineq", "fun": at.compute_room}
         options = {"maxiter": ITERATIONS, "ftol": TOLERANCE}
         found: Array = minimize(
-            lambda x: compute_objective(at, x), x, method="SLSQP", constraints=[room], options=options
+            lambda x: compute_objective(at, x),
+            x,
+            method="SLSQP",
+            constraints=[room],
+            options=options,
         ).x
         return found
 
@@ -174,7 +207,9 @@ def cma_es(rig: Rig, seed: int) -> Entry:
 
     def penalised(x: Array) -> float:
         beyond = np.maximum(-at.compute_room(x), 0.0)
-        return compute_objective(at, x) + PENALTY * float(beyond.max() + beyond.sum() / at.per_period)
+        return compute_objective(at, x) + PENALTY * float(
+            beyond.max() + beyond.sum() / at.per_period
+        )
 
     def end(x: Array) -> Array:
         options = {"seed": seed + 1, "verbose": -9, "tolfun": TOLERANCE, "maxfevals": EVALUATIONS}
@@ -188,5 +223,7 @@ def best(rig: Rig, at: ExcitationProblem, seed: int, end: Callable[[Array], Arra
     """Return the best of the ends of so many starts, as it is found: what exceeds a limit a little is let pass."""
     begin = process_time()
     rng = np.random.default_rng(seed)
-    x = min((end(at.draw_start(rng)) for _ in range(STARTS)), key=lambda x: compute_objective(at, x))
+    x = min(
+        (end(at.draw_start(rng)) for _ in range(STARTS)), key=lambda x: compute_objective(at, x)
+    )
     return judged(rig, at.series, at.coefficients(x), process_time() - begin)

@@ -29,13 +29,17 @@ def measure() -> Iterator[Figure]:
     """Yield the peaks, and by how much more than the log the longer one takes."""
     beyond = []
     for count in tqdm(COUNTS, "memory", unit="log", disable=None, leave=False):
-        found = json.loads(subprocess.check_output([sys.executable, "-m", "benchmark.memory", str(count)]))
+        found = json.loads(
+            subprocess.check_output([sys.executable, "-m", "benchmark.memory", str(count)])
+        )
         of = f"{count:,} samples: ".replace(",", " ")
         yield Figure(f"{of}peak memory of identifying", found["peak"] / MB, "MB")
         yield Figure(f"{of}the same less the log's own", (found["peak"] - found["log"]) / MB, "MB")
         yield Figure(f"{of}time of identifying", found["seconds"], "s")
         beyond.append(found["peak"] - found["log"])
-    yield Figure("growth of memory beyond the log itself", (beyond[1] - beyond[0]) / MB, "MB", at_most=50.0)
+    yield Figure(
+        "growth of memory beyond the log itself", (beyond[1] - beyond[0]) / MB, "MB", at_most=50.0
+    )
 
 
 def identified(count: int) -> dict[str, float]:

@@ -18,7 +18,15 @@ from gimbal_pin.dynamics.model import Model, build_friction_effects, nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Array, Motion
-from gimbal_pin.regression import CHUNK_SAMPLES, Block, Design, Filtering, Samples, factor_rows, solve_factors
+from gimbal_pin.regression import (
+    CHUNK_SAMPLES,
+    Block,
+    Design,
+    Filtering,
+    Samples,
+    factor_rows,
+    solve_factors,
+)
 from gimbal_pin.rig.rig import Rig
 
 ROUNDS = {60_000: (11, 1.3), 600_000: (3, 1.2)}
@@ -55,19 +63,31 @@ def compared(model: Model, count: int, rounds: int, most: float) -> Iterator[Fig
     yield Figure(f"{of}FIGAROH's builder with friction", rate.get("figaroh"), "k/s")
     yield Figure(f"{of}ours, built, factored and solved", rate["ours"], "k/s")
     yield Figure(f"{of}time of ours, solved / bare loop", times.ratio("ours", "bare"), at_most=2.5)
-    yield Figure(f"{of}time of ours, solved / FIGAROH, built", times.ratio("ours", "figaroh"), at_most=1.0)
-    yield Figure(f"{of}time of identify / bare loop, one QR", times.ratio("identify", "factored"), at_most=most)
+    yield Figure(
+        f"{of}time of ours, solved / FIGAROH, built", times.ratio("ours", "figaroh"), at_most=1.0
+    )
+    yield Figure(
+        f"{of}time of identify / bare loop, one QR",
+        times.ratio("identify", "factored"),
+        at_most=most,
+    )
 
 
 def filtering(model: Model, count: int, rounds: int) -> Iterator[Figure]:
     """Yield the rate of the whole way from a noisy log: smoothed, built, masked, filtered, decimated, solved."""
     log = noisy_log(model, count, np.random.default_rng(1))
     rows = Design(
-        model.rig, reduce_parameters(model.rig), build_friction_effects(model.rig.joints), (log,), Filtering()
+        model.rig,
+        reduce_parameters(model.rig),
+        build_friction_effects(model.rig.joints),
+        (log,),
+        Filtering(),
     )
     ways = {"filtered": lambda: solve_factors(factor_rows(rows), np.ones(model.rig.n))}
     time = alternating(ways, rounds, "filtering").median("filtered")
-    yield Figure(f"{count:,} samples: ours with all filtering".replace(",", " "), count / 1e3 / time, "k/s")
+    yield Figure(
+        f"{count:,} samples: ours with all filtering".replace(",", " "), count / 1e3 / time, "k/s"
+    )
 
 
 def equivalence(model: Model) -> Iterator[Figure]:
@@ -76,19 +96,32 @@ def equivalence(model: Model) -> Iterator[Figure]:
     rows = unfiltered(model.rig)
     theta = solution(rows, motion, tau)
     ours = np.concatenate([block.A @ theta for block in blocks(rows, motion, tau)])
-    yield Figure("torque of ours, solved, less inverse dynamics", float(np.abs(ours - tau).max()), "N m", at_most=1e-9)
+    yield Figure(
+        "torque of ours, solved, less inverse dynamics",
+        float(np.abs(ours - tau).max()),
+        "N m",
+        at_most=1e-9,
+    )
     if (build := figaroh()) is not None:
-        parameters = np.concatenate([model.rig.phi, model.rig.friction[:, 1], model.rig.friction[:, 0]])
-        theirs = (figaroh_regressor(build, model.rig, motion) @ parameters).reshape(model.rig.n, -1).T
+        parameters = np.concatenate(
+            [model.rig.phi, model.rig.friction[:, 1], model.rig.friction[:, 0]]
+        )
+        theirs = (
+            (figaroh_regressor(build, model.rig, motion) @ parameters).reshape(model.rig.n, -1).T
+        )
         error = float(np.abs(theirs - tau).max())
-        yield Figure("torque of FIGAROH's columns less inverse dynamics", error, "N m", at_most=1e-9)
+        yield Figure(
+            "torque of FIGAROH's columns less inverse dynamics", error, "N m", at_most=1e-9
+        )
 
 
 def samples(model: Model, count: int) -> tuple[Motion, Array]:
     """Return `count` samples of an exciting motion, and its torque, N m, (count, n)."""
     period = exciting(model.rig, np.random.default_rng(0))
     tau = model.inverse(period.q, period.v, period.a)
-    motion = Motion(DT * np.arange(count), *(repeated(x, count) for x in (period.q, period.v, period.a)))
+    motion = Motion(
+        DT * np.arange(count), *(repeated(x, count) for x in (period.q, period.v, period.a))
+    )
     return motion, repeated(tau, count)
 
 
@@ -124,12 +157,20 @@ def blocks(rows: Design, motion: Motion, tau: Array) -> Iterator[Block]:
     for begin in range(0, len(motion), CHUNK_SAMPLES):
         at = slice(begin, begin + CHUNK_SAMPLES)
         channels = Samples(
-            motion.t[at], motion.q[at], motion.v[at], motion.a[at], tau[at], motion.v[at], np.zeros(rows.rig.n)
+            motion.t[at],
+            motion.q[at],
+            motion.v[at],
+            motion.a[at],
+            tau[at],
+            motion.v[at],
+            np.zeros(rows.rig.n),
         )
         columns = [rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)]
         A = np.concatenate(columns, axis=2)
         c = channels
-        yield Block(c.t, A, c.tau, c.q, c.v, np.ones(c.q.shape), np.zeros(c.q.shape), np.zeros(c.q.shape))
+        yield Block(
+            c.t, A, c.tau, c.q, c.v, np.ones(c.q.shape), np.zeros(c.q.shape), np.zeros(c.q.shape)
+        )
 
 
 def solution(rows: Design, motion: Motion, tau: Array) -> Array:
@@ -142,7 +183,9 @@ def figaroh() -> Builder | None:
     package = PathFinder.find_spec("figaroh")
     if package is None or package.origin is None:
         return None
-    spec = spec_from_file_location("figaroh_regressor", Path(package.origin).parent / "tools" / "regressor.py")
+    spec = spec_from_file_location(
+        "figaroh_regressor", Path(package.origin).parent / "tools" / "regressor.py"
+    )
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -57,10 +57,21 @@ def measure() -> Iterator[Figure]:
     times = alternating({"ours": ours, "mujoco": theirs}, ROUNDS, "simulation")
     seconds = DT * len(reference)
     yield from moving(plant, reference, controller)
-    yield Figure("closed loop, MuJoCo's RK4: simulated time / time", seconds / times.median("mujoco"), "x")
+    yield Figure(
+        "closed loop, MuJoCo's RK4: simulated time / time", seconds / times.median("mujoco"), "x"
+    )
     yield Figure("closed loop, ours: simulated time / time", seconds / times.median("ours"), "x")
-    yield Figure("closed loop, real-time factor of ours / MuJoCo's", times.ratio("mujoco", "ours"), at_least=1.0)
-    yield Figure("closed loop, rms angle between the two, worst joint", 1e3 * float(apart), "mrad", at_most=0.1)
+    yield Figure(
+        "closed loop, real-time factor of ours / MuJoCo's",
+        times.ratio("mujoco", "ours"),
+        at_least=1.0,
+    )
+    yield Figure(
+        "closed loop, rms angle between the two, worst joint",
+        1e3 * float(apart),
+        "mrad",
+        at_most=0.1,
+    )
 
 
 def moving(model: Model, reference: Motion, controller: Controller) -> Iterator[Figure]:
@@ -74,7 +85,15 @@ def moving(model: Model, reference: Motion, controller: Controller) -> Iterator[
 
     def shaken() -> Log:
         carried = {"platform": platform, "sensors": replace(sensors, imus=rig.config.imus)}
-        return simulate(plant, controller, reference, rng=np.random.default_rng(0), delay=DELAY, drive=drive, **carried)
+        return simulate(
+            plant,
+            controller,
+            reference,
+            rng=np.random.default_rng(0),
+            delay=DELAY,
+            drive=drive,
+            **carried,
+        )
 
     yield from held(model, plant, drive)
     taken = alternating({"ours": shaken}, ROUNDS, "simulation on a moving base").median("ours")
@@ -97,7 +116,9 @@ def held(model: Model, plant: Model, drive: tuple[Signal, ...]) -> Iterator[Figu
     ground = draw_profile(rig, seconds, 0)
 
     def pointed() -> Pointing:
-        return simulate_holding(plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds, drive=drive)
+        return simulate_holding(
+            plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds, drive=drive
+        )
 
     wall, processor = wall_and_cpu(pointed, ROUNDS, "camera held on a moving base")
     name = "camera held still, moving base, sensors, effects: simulated time / "
@@ -110,7 +131,9 @@ def mujoco_model(rig: Rig) -> mujoco.MjModel:
     model = rigid_bodies(etree.fromstring(rig.urdf.encode()))
     model.opt.timestep, model.opt.integrator = DT, mujoco.mjtIntegrator.mjINT_RK4
     for j, joint in enumerate(rig.joints):
-        assert model.joint(joint).dofadr[0] == model.joint(joint).qposadr[0] == j, "the joints' order differs"
+        assert model.joint(joint).dofadr[0] == model.joint(joint).qposadr[0] == j, (
+            "the joints' order differs"
+        )
     model.dof_frictionloss[:], model.dof_damping[:] = rig.friction.T
     return model
 

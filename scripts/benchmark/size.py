@@ -32,12 +32,23 @@ ROWS = 2_000_000
 def measure() -> Iterator[Figure]:
     """Yield times and the peak of memory."""
     for what in tqdm(("joints", "rows"), "size", disable=None, leave=False):
-        found = json.loads(subprocess.check_output([sys.executable, "-m", "benchmark.size", what]).splitlines()[-1])
+        found = json.loads(
+            subprocess.check_output([sys.executable, "-m", "benchmark.size", what]).splitlines()[-1]
+        )
         of = f"{JOINTS} joints, {SECONDS:g} s at 500 Hz: identifying"
-        of = of if what == "joints" else f"{ROWS:,} rows, three joints: diagnosing a CSV".replace(",", " ", 2)
+        of = (
+            of
+            if what == "joints"
+            else f"{ROWS:,} rows, three joints: diagnosing a CSV".replace(",", " ", 2)
+        )
         yield Figure(f"{of}, time", found["wall"], "s", at_most=30.0 if what == "joints" else 60.0)
         yield Figure("the same, processor time", found["cpu"], "s")
-        yield Figure("the same, peak memory", found["peak"] / MB, "MB", at_most=None if what == "joints" else 1500.0)
+        yield Figure(
+            "the same, peak memory",
+            found["peak"] / MB,
+            "MB",
+            at_most=None if what == "joints" else 1500.0,
+        )
 
 
 def joints() -> dict[str, float]:

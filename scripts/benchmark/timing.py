@@ -22,7 +22,11 @@ class Times:
 
     def ratio(self, way: str, other: str) -> float | None:
         """Median over the rounds of the time of `way` over that of `other`; None if `other` was not run."""
-        return median(a / b for a, b in zip(self.taken[way], self.taken[other])) if other in self.taken else None
+        return (
+            median(a / b for a, b in zip(self.taken[way], self.taken[other]))
+            if other in self.taken
+            else None
+        )
 
 
 def alternating(ways: Mapping[str, Callable[[], object]], rounds: int, what: str) -> Times:

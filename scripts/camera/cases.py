@@ -63,7 +63,10 @@ WALK = (
         Band(0.48 * STEP, 0.52 * STEP, radians(2.0), 4),
         *(make_propeller_band(k * STEP, radians(1.5) / k**2) for k in range(1, 6)),
     ),
-    (Band(0.48 * STEP, 0.52 * STEP, 0.5, 4), *(make_propeller_band(k * STEP, 2.0 / k) for k in range(1, 9))),
+    (
+        Band(0.48 * STEP, 0.52 * STEP, 0.5, 4),
+        *(make_propeller_band(k * STEP, 2.0 / k) for k in range(1, 9)),
+    ),
 )
 
 
@@ -100,7 +103,9 @@ class Wrong:
 
     def apply(self, seen: Measurement, before: Measurement | None) -> Measurement | None:
         """Distort a sample."""
-        changed: dict[str, Any] = {name: self.distorted(k, getattr(seen, name)) for k, name in enumerate(self.which)}
+        changed: dict[str, Any] = {
+            name: self.distorted(k, getattr(seen, name)) for k, name in enumerate(self.which)
+        }
         return seen._replace(**changed)
 
     def distorted(self, k: int, rates: Array) -> Array:
@@ -180,14 +185,18 @@ class Mounted:
             self.force = self.R.T @ near @ self.base.f[k]
             turn = pin.log3(near.T @ self.R)
             rate = self.w - self.R.T @ near @ self.base.w[k]
-            spring = self.R.T @ near @ self.base.dw[k] - omega**2 * turn - 2 * self.SHARE * omega * rate
+            spring = (
+                self.R.T @ near @ self.base.dw[k] - omega**2 * turn - 2 * self.SHARE * omega * rate
+            )
             place = np.concatenate([np.zeros(6), [1.0], q])
             speed = np.concatenate([np.zeros(3), self.w, v])
             push = np.zeros(6 + self.n)
             push[:3] = self.force
             bias = pin.rnea(self.pin, self.data, place, speed, push)[3:]
             D = pin.crba(self.pin, self.data, place)
-            D = (np.triu(D) + np.triu(D, 1).T)[3:, 3:] + np.diag([self.inertia] * 3 + [0.0] * self.n)
+            D = (np.triu(D) + np.triu(D, 1).T)[3:, 3:] + np.diag(
+                [self.inertia] * 3 + [0.0] * self.n
+            )
             rub = self.friction[:, 0] * np.tanh(v / 0.002) + self.friction[:, 1] * v
             a = np.linalg.solve(D, np.concatenate([self.inertia * spring, tau - rub]) - bias)
             self.w = self.w + h * a[:3]
@@ -207,7 +216,9 @@ class Felt(Sensed):
         """Return the measurement; the platform's IMU measures the actual motion, not the prescribed one."""
         self.attitudes.append(self.system.R.copy())
         base = self.system.base
-        self.platform_imu[k] += np.stack([self.system.w - base.w[2 * k], self.system.force - base.f[2 * k]])
+        self.platform_imu[k] += np.stack(
+            [self.system.w - base.w[2 * k], self.system.force - base.f[2 * k]]
+        )
         self.w[k] = self.system.w
         return super().see(k, q, v)
 
@@ -221,7 +232,13 @@ class Held:
 
 
 def on_mount(
-    plant: Model, pointer: Holder, ground: Platform, station: Station, case: Case, seed: int, seconds: float
+    plant: Model,
+    pointer: Holder,
+    ground: Platform,
+    station: Station,
+    case: Case,
+    seed: int,
+    seconds: float,
 ) -> Held:
     """Run the loop on a platform that reacts."""
     t = DT * np.arange(round(seconds / DT) + 1)
@@ -248,7 +265,9 @@ def run(case: Case, rig: Rig, seed: int, seconds: float, names: Sequence[str]) -
     known = nominal(rig)
     plant = perturbed(rig, 0.03, np.random.default_rng([seed, 2]))
     if case.heavier:
-        plant = replace(plant, rig=PayloadMass(case.heavier * get_payload(rig)[1].mass).apply(plant.rig))
+        plant = replace(
+            plant, rig=PayloadMass(case.heavier * get_payload(rig)[1].mass).apply(plant.rig)
+        )
     ground = case.ground(rig, seed, seconds)
     station = Station.of(rig)
     recipe = Recipe(known, WANTED, taught(case, rig), station.noise, float(station.step.max()))
@@ -280,13 +299,19 @@ def make_holder(recipe: Recipe, name: str, ground: Platform) -> Holder:
         return foretell(recipe, ground)
     if name != FASTEST:
         return recipe.pointer(name)
-    gains = tuple(EqualMarginLoop(DT, DT, drive, crossover=100.0).pid for drive in recipe.model.drives)
+    gains = tuple(
+        EqualMarginLoop(DT, DT, drive, crossover=100.0).pid for drive in recipe.model.drives
+    )
     return replace(recipe.pointer(BASELINE), law=recipe.pid(gains))
 
 
 def floor(seed: int, seconds: float) -> float:
     """Jitter of a line of sight that is turned by the integral of a gyro's noise, rad rms."""
-    rates = GYRO / np.sqrt(2 * DT) * np.random.default_rng([seed, 3]).standard_normal((round(seconds / DT), 2))
+    rates = (
+        GYRO
+        / np.sqrt(2 * DT)
+        * np.random.default_rng([seed, 3]).standard_normal((round(seconds / DT), 2))
+    )
     return jitter(DT * np.cumsum(rates, axis=0)[round(SETTLING / DT) :], DT)[0]
 
 
@@ -324,7 +349,9 @@ def main(
         rig = unbalance_payload(Rig.load(bare, payload_name or None))
         for name in cases:
             ran = [run(CASES[name], rig, seed, seconds, names) for seed in many]
-            size = {who: degrees(rms([jitter(one[who].sight, DT)[0] for one in ran])) for who in names}
+            size = {
+                who: degrees(rms([jitter(one[who].sight, DT)[0] for one in ran])) for who in names
+            }
             row = " ".join(f"{size[who]:15.5f}" for who in names)
             ratios = f"{size[BASELINE] / size[OURS]:8.2f}{size[FASTEST] / size[OURS]:12.2f}"
             events = "; ".join(counted(event for one in ran for event in one[OURS].events))

@@ -19,12 +19,22 @@ from gimbal_pin.control.laws.base import BaseState, Pid
 from gimbal_pin.control.laws.carried import CarriedTorque
 from gimbal_pin.control.laws.computed_torque import Robust, lyapunov, stiffened
 from gimbal_pin.control.laws.design import LAYERED, bisected
-from gimbal_pin.control.laws.equal_margin import OUTER_DAMPING, OUTER_INTEGRAL, EqualMarginLoop, bandwidth
+from gimbal_pin.control.laws.equal_margin import (
+    OUTER_DAMPING,
+    OUTER_INTEGRAL,
+    EqualMarginLoop,
+    bandwidth,
+)
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import draw_profile, learn_recipe, simulate_shaken_log, unbalance_payload
+from gimbal_pin.pointing.bench import (
+    draw_profile,
+    learn_recipe,
+    simulate_shaken_log,
+    unbalance_payload,
+)
 from gimbal_pin.pointing.forecast import Forecast, Past
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Holder, Pointer
@@ -46,7 +56,9 @@ class Foreknowledge(Forecast):
         true = []
         t = (past.samples - 1) * self.dt
         for lead in self.leads:
-            now = self.platform.at(np.clip(t + lead + self.dt / 2 * np.arange(-1, 2), 0.0, self.platform.t[-1]))
+            now = self.platform.at(
+                np.clip(t + lead + self.dt / 2 * np.arange(-1, 2), 0.0, self.platform.t[-1])
+            )
             true.append(BaseState(*(np.array([1, 4, 1]) / 6 @ x for x in (now.f, now.w, now.dw))))
         return true
 
@@ -76,7 +88,10 @@ def without_hidden(model: Model) -> Model:
 
 def redesign(law: CarriedTorque, equals: Sequence[EqualMarginLoop]) -> CarriedTorque:
     """Return slower loops with Lyapunov redesign, of the thinnest layer that keeps every joint's margin."""
-    slow = tuple(Pid.placed(LAYERED * bandwidth(equal.pid), OUTER_DAMPING, OUTER_INTEGRAL) for equal in equals)
+    slow = tuple(
+        Pid.placed(LAYERED * bandwidth(equal.pid), OUTER_DAMPING, OUTER_INTEGRAL)
+        for equal in equals
+    )
     layer = Robust(lyapunov(slow), bounds(law.model, np.random.default_rng(0)), 1.0)
 
     def enough(gain: float) -> bool:
@@ -114,7 +129,11 @@ def make_controllers(recipe: Recipe, platform: Platform) -> dict[str, Callable[[
 
 
 def main(
-    rig: str, payload: str | None = None, names: tuple[str, ...] = (), seeds: int = 1, seconds: float = 10.0
+    rig: str,
+    payload: str | None = None,
+    names: tuple[str, ...] = (),
+    seeds: int = 1,
+    seconds: float = 10.0,
 ) -> None:
     """Print jitter, drift and torque of every controller on profile S, and its share of the PID's mean square error.
 
@@ -135,7 +154,9 @@ def main(
         for name, make in make_controllers(recipe, platform).items():
             if name in (names or (name,)):
                 rng = np.random.default_rng([seed, 1])
-                run = simulate_holding(plant, make(), platform, rng=rng, seconds=seconds, station=station, name=name)
+                run = simulate_holding(
+                    plant, make(), platform, rng=rng, seconds=seconds, station=station, name=name
+                )
                 runs.setdefault(name, []).append(run)
     rows = [Row(name, tuple(own)) for name, own in runs.items()]
     whole = next((row.jitter_rms for row in rows if row.controller == BASELINE), rows[0].jitter_rms)

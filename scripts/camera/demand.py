@@ -88,16 +88,28 @@ class Demand:
         out = {}
         for name in ("unforeseen", "foreseen"):
             parts = [self.left(rows, j, name == "foreseen") for rows, j in self.stretches]
-            power = sum([float(np.sum(part[counts[rows]] ** 2)) for part, (rows, _) in zip(parts, self.stretches)])
+            power = sum(
+                [
+                    float(np.sum(part[counts[rows]] ** 2))
+                    for part, (rows, _) in zip(parts, self.stretches)
+                ]
+            )
             out[name] = float(np.sqrt(power / max(1, int(counts.sum()))))
         return out
 
     @property
     def stretches(self) -> list[tuple[slice, int]]:
         """Samples around every moment, and the joint whose motor is too weak in it."""
-        edges = [(np.searchsorted(self.t, [first - READY, last + AFTER])).tolist() for first, last in self.moments]
+        edges = [
+            (np.searchsorted(self.t, [first - READY, last + AFTER])).tolist()
+            for first, last in self.moments
+        ]
         beyond = np.abs(self.tau) > self.tau_max
-        return [(slice(a, b), j) for a, b in edges for j in np.flatnonzero(beyond[a:b].any(axis=0)).tolist()]
+        return [
+            (slice(a, b), j)
+            for a, b in edges
+            for j in np.flatnonzero(beyond[a:b].any(axis=0)).tolist()
+        ]
 
     def left(self, rows: slice, j: int, foreseen: bool) -> Array:
         """Least error of the line of sight over some samples by a joint's weak motor, rad."""
@@ -149,9 +161,17 @@ def main(rig: str, log: Path, maps: tuple[str, ...] = (), payload: str | None = 
     """
     loaded = Rig.load(rig, payload)
     motion = read_platform(loaded, "none", log, maps)
-    found = Demand.of(nominal(unbalance_payload(loaded)), WANTED, motion.about(Sight(loaded).centre))
+    found = Demand.of(
+        nominal(unbalance_payload(loaded)), WANTED, motion.about(Sight(loaded).centre)
+    )
     for joint, limit in zip(found.joints, found.tau_max.tolist()):
         print(f"{joint}: up to {found.peak[joint]:.3g} N m of {limit:g}")
-    print("beyond it:", ", ".join(f"{first:.2f} to {last:.2f} s" for first, last in found.moments) or "never")
+    print(
+        "beyond it:",
+        ", ".join(f"{first:.2f} to {last:.2f} s" for first, last in found.moments) or "never",
+    )
     if found.moments:
-        print("least jitter, deg rms:", ", ".join(f"{what} {degrees(x):.4f}" for what, x in found.least.items()))
+        print(
+            "least jitter, deg rms:",
+            ", ".join(f"{what} {degrees(x):.4f}" for what, x in found.least.items()),
+        )

@@ -44,7 +44,9 @@ TILTED = (0, 1, 5, 10, 20, 40, 60)
 class Loop:
     """A rig on a platform with a controller in its loop, which may be copied at any sample."""
 
-    def __init__(self, rig: Rig, platform: Platform, seconds: float, seed: int, level: bool = True) -> None:
+    def __init__(
+        self, rig: Rig, platform: Platform, seconds: float, seed: int, level: bool = True
+    ) -> None:
         """Begin where the camera looks as wanted; `level`: whether the platform's first attitude is told."""
         station = Station.of(rig)
         model = nominal(unbalance_payload(rig))
@@ -66,7 +68,9 @@ class Loop:
         self.level = level
         self.stream = list[Measurement]()
 
-    def run(self, samples: int, spoil: Callable[[Measurement], Measurement] = lambda seen: seen) -> tuple[Array, ...]:
+    def run(
+        self, samples: int, spoil: Callable[[Measurement], Measurement] = lambda seen: seen
+    ) -> tuple[Array, ...]:
         """Go on; the first measurement is spoiled. Return angles, rates, torques and errors of the line of sight."""
         rows = []
         for k in range(self.k, min(self.k + samples, len(self.t))):
@@ -77,7 +81,9 @@ class Loop:
                 self.controller.start(seen, self.base[0] if self.level else None)
             acting, self.command = self.command, self.controller.step(seen)
             camera = self.base[k] @ self.sight.attitude(self.state.q)
-            rows.append((self.state.q, self.state.v, acting, pin.log3(WANTED.T @ camera)[1:], camera))
+            rows.append(
+                (self.state.q, self.state.v, acting, pin.log3(WANTED.T @ camera)[1:], camera)
+            )
             self.state = self.system.step(self.t[k], self.state, acting, DT)
         self.k += len(rows)
         return tuple(np.array(column) for column in zip(*rows))
@@ -96,7 +102,9 @@ def standing(seconds: float) -> Platform:
 
 def start(rig: Rig, seeds: int) -> None:
     """From rest at random poses within the limits, the camera turns to where it shall look."""
-    lower, upper, fastest = (np.array([getattr(x, key) for x in rig.limits]) for key in ("lower", "upper", "velocity"))
+    lower, upper, fastest = (
+        np.array([getattr(x, key) for x in rig.limits]) for key in ("lower", "upper", "velocity")
+    )
     loop = Loop(rig, standing(4.0), 4.0, 0)
     rng = np.random.default_rng(7)
     rows = []
@@ -142,17 +150,23 @@ def spike(rig: Rig, seeds: int) -> None:
             loop.run(moment - loop.k)
             for name, size in worst:
                 for axis in range(len(getattr(loop.stream[-1], name))):
-                    error = loop.branch().run(AFTERWARDS, partial(add, name=name, axis=axis, size=size))[3]
+                    error = loop.branch().run(
+                        AFTERWARDS, partial(add, name=name, axis=axis, size=size)
+                    )[3]
                     ratio = float(np.linalg.norm(error, axis=1).max() / calm)
                     worst[name, size] = max(worst[name, size], ratio)
-    print(f"  spikes of {', '.join(f'{size:g}' for size in WRONG)}: largest error over the undisturbed one")
+    print(
+        f"  spikes of {', '.join(f'{size:g}' for size in WRONG)}: largest error over the undisturbed one"
+    )
     for name in dict.fromkeys(name for name, _ in worst):
         print(f"    {name:6}" + " ".join(f"{worst[name, size]:6.2f}" for size in WRONG))
 
 
 def add(seen: Measurement, name: str, axis: int, size: float) -> Measurement:
     """Return a measurement with one reading off by so much."""
-    return seen._replace(**{name: getattr(seen, name) + size * (np.arange(len(getattr(seen, name))) == axis)})
+    return seen._replace(
+        **{name: getattr(seen, name) + size * (np.arange(len(getattr(seen, name))) == axis)}
+    )
 
 
 def time(rig: Rig, seeds: int) -> None:
@@ -182,7 +196,9 @@ def still(rig: Rig, seeds: int, recorded: Platform | None) -> None:
             own = draw_profile(rig, 12.0, seed) if ground is None else ground
             error = Loop(rig, own, 12.0, seed).run(12_001)[3][round(SETTLING / DT) :]
             rms, most, drift = map(degrees, jitter(error, DT))
-            print(f"  jitter on {name}, seed {seed}: rms {rms:.5f}, largest {most:.5f}, drift {drift:.5f} deg")
+            print(
+                f"  jitter on {name}, seed {seed}: rms {rms:.5f}, largest {most:.5f}, drift {drift:.5f} deg"
+            )
 
 
 ROWS = {"start": start, "level": level, "spike": spike, "time": time}

@@ -17,7 +17,12 @@ from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import draw_profile, learn_recipe, simulate_shaken_log, unbalance_payload
+from gimbal_pin.pointing.bench import (
+    draw_profile,
+    learn_recipe,
+    simulate_shaken_log,
+    unbalance_payload,
+)
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.recipe import SAMPLES, Recipe
@@ -80,7 +85,9 @@ class Sweep:
             if a > self.pid:
                 return before
             if b > self.pid:
-                return before + (after - before) * ((self.pid - a) / (b - a) if isfinite(b) else 1.0)
+                return before + (after - before) * (
+                    (self.pid - a) / (b - a) if isfinite(b) else 1.0
+                )
         return None
 
     @property
@@ -115,7 +122,9 @@ def sweep(plant: Model, platform: Platform, recipe: Recipe) -> Sweep:
 def held_jitter(plant: Model, platform: Platform, pointer: Pointer) -> float:
     """Jitter of a run, rad rms; inf for a loop that diverges."""
     try:
-        return simulate_holding(plant, pointer, platform, rng=np.random.default_rng(1), seconds=SECONDS).jitter[0]
+        return simulate_holding(
+            plant, pointer, platform, rng=np.random.default_rng(1), seconds=SECONDS
+        ).jitter[0]
     except UsageError:
         return inf
 

@@ -17,10 +17,22 @@ from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
-from gimbal_pin.identification import compare_with_instruments, fit_idim, fit_output_error, given_beta
+from gimbal_pin.identification import (
+    compare_with_instruments,
+    fit_idim,
+    fit_output_error,
+    given_beta,
+)
 from gimbal_pin.identification.output_error import build_instruments
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Block, DesignBlocks, Filtering, compute_blocks, fit_physical, fit_weighted
+from gimbal_pin.regression import (
+    Block,
+    DesignBlocks,
+    Filtering,
+    compute_blocks,
+    fit_physical,
+    fit_weighted,
+)
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import rows_of
 
@@ -40,7 +52,9 @@ def one(bits: int, cutoff: float, seconds: float, compared: int, seed: int) -> d
     """
     rig, plant, rng = drawn(seed, 0.1)
     mover = tune(nominal(rig), bandwidth_hz=4.0).controller
-    coarse, exact = (bench_run(plant, mover, rng=rng, seconds=seconds, encoder_bits=b) for b in (bits, EXACT))
+    coarse, exact = (
+        bench_run(plant, mover, rng=rng, seconds=seconds, encoder_bits=b) for b in (bits, EXACT)
+    )
     wide = Filtering(cutoff)
     blocks = rows(rig, replace(coarse, v=None), wide)
     truth = given_beta(plant.rig, reduce_parameters(rig))
@@ -96,7 +110,9 @@ def biased(
     both = [row for row in found if names[0] in row]
     worst = np.array([[max(row[name]) for name in names] for row in both])
     counted, total = (sum(row[what] for row in both) for what in ("well", "parameters"))
-    print(f"{len(both)} logs for the estimators: {counted} of {total} base parameters are well excited")
+    print(
+        f"{len(both)} logs for the estimators: {counted} of {total} base parameters are well excited"
+    )
     for name, column in zip(names, worst.T):
         every = np.concatenate([row[name] for row in both])
         print(
@@ -104,7 +120,9 @@ def biased(
             f"rms of all {100 * np.sqrt(np.mean(every**2)):.2f} %; over 3 %: {int(np.sum(every > WITHIN))} parameters"
         )
     flags = np.mean(np.array([row["p"] for row in found]) < 0.01, axis=0)
-    for what, share in zip(("coarse", "exact encoders, same cutoff", "coarse, with gyro at 4 Hz"), flags):
+    for what, share in zip(
+        ("coarse", "exact encoders, same cutoff", "coarse, with gyro at 4 Hz"), flags
+    ):
         print(f"Durbin-Wu-Hausman at 1 %, {what}: {100 * share:.0f} % called biased")
     median = float(np.median(worst[:, 0]))
     right = bool((worst[:, 1:] <= WITHIN).all())

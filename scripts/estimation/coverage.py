@@ -26,15 +26,22 @@ def one(estimator: str, seconds: float, noise: float, seed: int) -> dict[str, An
     corner = float(np.exp(rng.uniform(*np.log(CORNERS))))
     log = noisy(plant, rng, seconds, noise, corner)[0]
     method = ESTIMATORS[Method(estimator)]
-    found = identify(rig, [log], estimator=method, holdout="none", filtering=Filtering(alignment=0.0))
-    return {"corner": corner, "z": ((found.estimate.theta - true_theta(plant.rig)) / found.estimate.std).tolist()}
+    found = identify(
+        rig, [log], estimator=method, holdout="none", filtering=Filtering(alignment=0.0)
+    )
+    return {
+        "corner": corner,
+        "z": ((found.estimate.theta - true_theta(plant.rig)) / found.estimate.std).tolist(),
+    }
 
 
 def coverage(
     logs: int = 500,
     seconds: float = 40.0,
     noise: float = 0.05,
-    estimator: Literal["ols", "weighted", "robust", "instrumental", "output-error", "ridge", "physical"] = "weighted",
+    estimator: Literal[
+        "ols", "weighted", "robust", "instrumental", "output-error", "ridge", "physical"
+    ] = "weighted",
     workers: int = CORES,
     resume: Path | None = None,
 ) -> None:
@@ -57,7 +64,9 @@ def coverage(
         ("above", [r for r in rows if r["corner"] >= middle]),
     ):
         z = np.abs(np.concatenate([row["z"] for row in some]))
-        print(f"corner {name} {middle:.1f} Hz: {len(some)} logs, {100 * np.mean(z < NORMAL):.1f} % covered")
+        print(
+            f"corner {name} {middle:.1f} Hz: {len(some)} logs, {100 * np.mean(z < NORMAL):.1f} % covered"
+        )
     z = np.concatenate([row["z"] for row in rows])
     share = float(np.mean(np.abs(z) < NORMAL))
     passed = BAND[0] <= share <= BAND[1]

@@ -33,7 +33,9 @@ def coloured(rng: np.random.Generator, shape: tuple[int, int], corner: float, dt
     return np.asarray(lfilter([1.0], [1.0, -pole], white, axis=0, zi=pole * start)[0])
 
 
-def noisy(plant: Model, rng: np.random.Generator, seconds: float, share: float, corner: float) -> tuple[Log, Log]:
+def noisy(
+    plant: Model, rng: np.random.Generator, seconds: float, share: float, corner: float
+) -> tuple[Log, Log]:
     """Return a log with coloured torque noise of so large a share of each joint's rms, and one without any noise."""
     clean = prescribed(plant, int(rng.integers(2**31)), seconds)
     sensors = Sensors.of(plant.rig, clean.dt)
@@ -41,5 +43,9 @@ def noisy(plant: Model, rng: np.random.Generator, seconds: float, share: float, 
     step = np.where(sensors.encoder_step > 0, sensors.encoder_step, 1e-15)
     q = np.round(clean.q / step) * step
     v = np.asarray(clean.v) + sensors.rate_std * rng.standard_normal(tau.shape)
-    noise = share * np.sqrt(np.mean(tau**2, axis=0)) * coloured(rng, (len(tau), tau.shape[1]), corner, clean.dt)
+    noise = (
+        share
+        * np.sqrt(np.mean(tau**2, axis=0))
+        * coloured(rng, (len(tau), tau.shape[1]), corner, clean.dt)
+    )
     return replace(clean, q=q, v=v, tau=tau + noise), clean

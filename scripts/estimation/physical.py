@@ -39,7 +39,8 @@ def one(seconds: float, noise: float, corner: float, seed: int) -> dict[str, Any
     rig, plant, rng = drawn(seed)
     log = noisy(plant, rng, seconds, noise, corner)[0]
     found, free = (
-        identify(rig, [log], estimator=e, holdout="none", filtering=EXACT) for e in (fit_physical, fit_weighted)
+        identify(rig, [log], estimator=e, holdout="none", filtering=EXACT)
+        for e in (fit_physical, fit_weighted)
     )
     limit = bound(rig, plant, log)
     ratios = []
@@ -47,7 +48,9 @@ def one(seconds: float, noise: float, corner: float, seed: int) -> dict[str, Any
     apart = 0.0
     for test in noisy(plant, rng, 30.0, noise, corner):
         blocks = rows(rig, test)
-        apart = moved(blocks, found.estimate.theta - free.estimate.theta) / unavoidable(blocks, limit)
+        apart = moved(blocks, found.estimate.theta - free.estimate.theta) / unavoidable(
+            blocks, limit
+        )
         errors = np.array([left(rig, blocks, each.estimate.theta) for each in (found, free)])
         whole = np.linalg.norm(errors, axis=1)
         ratios.append(float(whole[0] / whole[1]))
@@ -72,7 +75,9 @@ def bound(rig: Rig, plant: Model, log: Log) -> Array:
     """Cramér and Rao's bound on the covariance of unbiased estimates, (k, k), by the colour of the noise itself."""
     whole = join_blocks(rows(rig, log))
     truth = true_theta(plant.rig)
-    gamma = compute_autocovariance([block.b - block.A @ truth for block in whole], [block.share for block in whole])
+    gamma = compute_autocovariance(
+        [block.b - block.A @ truth for block in whole], [block.share for block in whole]
+    )
     information = np.zeros((len(truth), len(truth)))
     for block in whole:
         for j, column in enumerate(gamma.T):

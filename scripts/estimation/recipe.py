@@ -30,7 +30,9 @@ def first_log(rig: Rig, seed: int) -> Log:
     plant = nominal(rig)
     law = tune(plant, kind="computed-torque", bandwidth_hz=8.0).controller
     motion = excite(rig, starts=1, dt=law.dt, rng=np.random.default_rng(seed)).motion
-    return bench_run(plant, law, rng=np.random.default_rng(seed), reference=motion, torque_noise=0.01)
+    return bench_run(
+        plant, law, rng=np.random.default_rng(seed), reference=motion, torque_noise=0.01
+    )
 
 
 def one(name: str, seed: int) -> dict[str, Any]:
@@ -39,10 +41,14 @@ def one(name: str, seed: int) -> dict[str, Any]:
     log = first_log(rig, seed)
     truth = true_theta(rig)
     found = {way: identify(rig, [log], holdout=way).estimate for way in WAYS}
-    return {way: ((estimate.theta - truth) / estimate.std).tolist() for way, estimate in found.items()}
+    return {
+        way: ((estimate.theta - truth) / estimate.std).tolist() for way, estimate in found.items()
+    }
 
 
-def recipe(logs: int = 40, rig: str = "turret", workers: int = CORES, resume: Path | None = None) -> None:
+def recipe(
+    logs: int = 40, rig: str = "turret", workers: int = CORES, resume: Path | None = None
+) -> None:
     """Measure the coverage of 95 % intervals on README's first log, with many seeds.
 
     Args:
@@ -61,5 +67,7 @@ def recipe(logs: int = 40, rig: str = "turret", workers: int = CORES, resume: Pa
             f"; in {many} logs {MANY} or more miss"
         )
     passed = BAND[0] <= held <= BAND[1]
-    print(f"README's own way, the last: {100 * held:.1f} % (93 to 97): {'PASS' if passed else 'FAIL'}")
+    print(
+        f"README's own way, the last: {100 * held:.1f} % (93 to 97): {'PASS' if passed else 'FAIL'}"
+    )
     sys.exit(not passed)

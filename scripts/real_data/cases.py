@@ -13,11 +13,23 @@ Words = tuple[str, ...]
 
 COMPARED: Mapping[str, Words] = {
     "diagnose": ("diagnose", "{rig}", "{logs}", "{maps}", "--json", "{json}"),
-    "identify": ("identify", "{rig}", "{logs}", "{maps}", "-o", "{out}/model.yaml", "--json", "{json}"),
+    "identify": (
+        "identify",
+        "{rig}",
+        "{logs}",
+        "{maps}",
+        "-o",
+        "{out}/model.yaml",
+        "--json",
+        "{json}",
+    ),
 }
 """Run on every log: name of the run → words of the command line."""
 ONE_TURN = {"diagnose-last-third": (*COMPARED["diagnose"], "--holdout", "last-third")}
-NOISY = {f"identify-{name}": (*COMPARED["identify"], "--estimator", name) for name in ("instrumental", "output-error")}
+NOISY = {
+    f"identify-{name}": (*COMPARED["identify"], "--estimator", name)
+    for name in ("instrumental", "output-error")
+}
 EVERY: Mapping[str, Words] = {
     **COMPARED,
     "tune": ("tune", "{rig}", "{logs}", "{maps}", "-o", "{out}/controller.yaml"),
@@ -88,16 +100,25 @@ class Case:
 
     def arguments(self, run: str, out: Path) -> list[str]:
         """Return the words of a run's command line; files are written in `out`, the JSON to ``out/told/run.json``."""
-        several = {"{logs}": [str(log) for log in self.logs], "{maps}": [w for m in self.maps for w in ("--map", m)]}
+        several = {
+            "{logs}": [str(log) for log in self.logs],
+            "{maps}": [w for m in self.maps for w in ("--map", m)],
+        }
         one = {"rig": str(self.rig), "out": str(out), "json": str(out / "told" / "run.json")}
-        words = (several[part] if part in several else [part.format(**one)] for part in self.runs[run])
+        words = (
+            several[part] if part in several else [part.format(**one)] for part in self.runs[run]
+        )
         return [word for group in words for word in group]
 
 
 def joints(pairs: Mapping[str, str], names: Sequence[str], first: int = 1) -> Words:
     """Return maps ``target_joint=source`` for numbered sources: ``{"q": "pos{}"}`` and joints → ``q_elbow=pos2``."""
     each = enumerate(names, start=first)
-    return tuple(f"{target}_{joint}={source.format(k)}" for k, joint in each for target, source in pairs.items())
+    return tuple(
+        f"{target}_{joint}={source.format(k)}"
+        for k, joint in each
+        for target, source in pairs.items()
+    )
 
 
 def measured(data: Path, made: Path) -> list[Case]:
@@ -109,14 +130,34 @@ def motors(data: Path) -> list[Case]:
     """Bare motors at low and constant speeds."""
     slow = data / "odrive_cogging"
     fast = data / "laas_anti_cogging"
-    counts = ("t=time_s", "q_motor=2*pi*pos_counts/8192", f"tau_motor=iq_a*{TORQUE_CONSTANT[slow.name]}")
-    turns = ("t=Time", "q_motor=Position", "dq_motor=Velocity", f"tau_motor=Iq*{TORQUE_CONSTANT[fast.name]}")
+    counts = (
+        "t=time_s",
+        "q_motor=2*pi*pos_counts/8192",
+        f"tau_motor=iq_a*{TORQUE_CONSTANT[slow.name]}",
+    )
+    turns = (
+        "t=Time",
+        "q_motor=Position",
+        "dq_motor=Velocity",
+        f"tau_motor=Iq*{TORQUE_CONSTANT[fast.name]}",
+    )
     return [
         *(
-            Case(f"odrive_{log}", slow / "rotor.urdf", (slow / f"{log}.csv",), counts, {**COMPARED, **ONE_TURN})
+            Case(
+                f"odrive_{log}",
+                slow / "rotor.urdf",
+                (slow / f"{log}.csv",),
+                counts,
+                {**COMPARED, **ONE_TURN},
+            )
             for log in ("one_log_slower", "one_log_goodgains")
         ),
-        Case("odrive_slow_abcd", slow / "rotor.urdf", tuple(slow / f"slow_{k}.csv" for k in "abcd"), counts),
+        Case(
+            "odrive_slow_abcd",
+            slow / "rotor.urdf",
+            tuple(slow / f"slow_{k}.csv" for k in "abcd"),
+            counts,
+        ),
         *(
             Case(f"laas_{log}", fast / "rotor.urdf", (fast / f"{log}.csv",), turns)
             for log in ("speed_test1_on", "speed_test1_off", "acc_current")
@@ -154,23 +195,43 @@ def others(data: Path, made: Path) -> list[Case]:
     steps = ("t=column1*1e-6", "q_tilt=column2*pi/180", "dq_tilt=column3*pi/180")
     flight = (data / "phantom4_motion" / "path_1.csv",)
     return [
-        Case("rub_gimbal", made / "camera.urdf", (data / "rub_gimbal" / "open_loop_steps.txt",), steps, EVERY),
+        Case(
+            "rub_gimbal",
+            made / "camera.urdf",
+            (data / "rub_gimbal" / "open_loop_steps.txt",),
+            steps,
+            EVERY,
+        ),
         Case("phantom4_motion", "turret", flight, PLATFORM, CARRIED),
     ]
 
 
 def benchmarks(data: Path) -> list[Case]:
     """Return an axis, servos, arms and a pendulum that others have published as benchmarks."""
-    emps, servo, arm, pendulum = (data / name for name in ("emps", "bam_xl330", "staubli_tx40", "dfki_simple_pendulum"))
-    stiff, ur10, fer = (data / name for name in ("feetech_sts3250", "ur10_unisa", "franka_fer_unisa"))
-    asked = ("t=timestamp", "q_servo=position", "q_ref_servo=goal_position", f"tau_servo=error*{STIFFNESS}")
+    emps, servo, arm, pendulum = (
+        data / name for name in ("emps", "bam_xl330", "staubli_tx40", "dfki_simple_pendulum")
+    )
+    stiff, ur10, fer = (
+        data / name for name in ("feetech_sts3250", "ur10_unisa", "franka_fer_unisa")
+    )
+    asked = (
+        "t=timestamp",
+        "q_servo=position",
+        "q_ref_servo=goal_position",
+        f"tau_servo=error*{STIFFNESS}",
+    )
     volts = ("t=timestamp", "q_servo=position", f"tau_servo=motor_volts*{SERVO_CONSTANT}")
     force = ("t=t", "q_axis=qm", f"tau_axis=vir*{EMPS_CONSTANT}")
     single = ("t=time", "q_shoulder=position", "dq_shoulder=velocity", "tau_shoulder=torque")
     return [
         Case("emps", emps / "emps.urdf", (emps / "emps_train.csv.gz",), force),
         *(
-            Case(f"servo_{gain}", servo / "xl330.urdf", (servo / f"xl330_sin_sin_kp{gain}.csv.gz",), volts)
+            Case(
+                f"servo_{gain}",
+                servo / "xl330.urdf",
+                (servo / f"xl330_sin_sin_kp{gain}.csv.gz",),
+                volts,
+            )
             for gain in (100, 200, 400, 800)
         ),
         *(
@@ -221,7 +282,11 @@ def tiago(clone: Path) -> list[Case]:
         return []
     names = ("torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8)))
     kinds = {"q": "position", "dq": "velocity", "tau": "effort"}
-    maps = [f'{target}_{joint}="- {joint}_{kind}"' for target, kind in kinds.items() for joint in names]
-    maps[-len(names) :] = [f"{one}*{constant}" for one, constant in zip(maps[-len(names) :], TIAGO_CONSTANTS)]
+    maps = [
+        f'{target}_{joint}="- {joint}_{kind}"' for target, kind in kinds.items() for joint in names
+    ]
+    maps[-len(names) :] = [
+        f"{one}*{constant}" for one, constant in zip(maps[-len(names) :], TIAGO_CONSTANTS)
+    ]
     log = "+".join(str(logs / f"tiago_{kind}.csv") for kind in kinds.values())
     return [Case("tiago", urdf, (Path(log),), ("t=t", *maps))]

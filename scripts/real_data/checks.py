@@ -75,7 +75,9 @@ def answer(outcome: Outcome) -> Json:
 
 def rmse(told: Json) -> tuple[float, float]:
     """Return the only joint's held-out torque error before and after all findings, N m."""
-    before, after = (next(iter(told[part]["torque_rmse"].values())) for part in ("baseline", "extended"))
+    before, after = (
+        next(iter(told[part]["torque_rmse"].values())) for part in ("baseline", "extended")
+    )
     return before, after
 
 
@@ -111,10 +113,16 @@ def inertia_is_positive(identified: Outcome, diagnosed: Outcome) -> Judged:
         raise NoAnswerError(identified.said)
     text = f"{json_text(identified)}\n{json_text(diagnosed)}"
     less = {float(x) for x in re.findall(r"inertia[^.;]* is ([\d.]+) ± [\d.]+ % less", text)}
-    rows = [p for p in (identified.result or {}).get("base_parameters", []) if p["unit"] == "kg m^2"]
+    rows = [
+        p for p in (identified.result or {}).get("base_parameters", []) if p["unit"] == "kg m^2"
+    ]
     negative = any(p["value"] <= 0 for p in rows) or any(share >= 100 for share in less)
-    undetermined = re.search(r"inertia[^.;]*(undetermined|does not show|cannot show)", text) is not None
-    each = [f"{p['name']} {p['value']:.3g} ± {p['std']:.2g}" for p in rows] or [f"none stated, {identified.said}"]
+    undetermined = (
+        re.search(r"inertia[^.;]*(undetermined|does not show|cannot show)", text) is not None
+    )
+    each = [f"{p['name']} {p['value']:.3g} ± {p['std']:.2g}" for p in rows] or [
+        f"none stated, {identified.said}"
+    ]
     each += [f"diagnose: {share:g} % less than the URDF's" for share in less]
     return undetermined or not negative, "; ".join(each)
 
@@ -128,8 +136,17 @@ def json_text(outcome: Outcome) -> str:
 
 def formula_in_identify(identified: Outcome) -> Judged:
     """`identify` says so, too."""
-    said = next((line for line in json_text(identified).splitlines() if re.search("controller.formula", line)), "")
-    said = said or next((line for line in json_text(identified).splitlines() if "the controller's" in line), "")
+    said = next(
+        (
+            line
+            for line in json_text(identified).splitlines()
+            if re.search("controller.formula", line)
+        ),
+        "",
+    )
+    said = said or next(
+        (line for line in json_text(identified).splitlines() if "the controller's" in line), ""
+    )
     return bool(said), said or f"not said ({identified.said})"
 
 
@@ -141,7 +158,9 @@ def physical_arm(diagnosed: Outcome, *identified: Outcome) -> Judged:
     found = False
     figures = []
     told = (diagnosed.result or {}).get("findings", [])
-    answers = {"diagnose": {k: v["value"] for f in told for k, v in (f.get("answer") or {}).items()}}
+    answers = {
+        "diagnose": {k: v["value"] for f in told for k, v in (f.get("answer") or {}).items()}
+    }
     for name, outcome in zip(("instrumental", "output-error"), identified):
         rows = (outcome.result or {}).get("base_parameters", [])
         answers[name] = {row["name"]: row["value"] for row in rows}
@@ -174,8 +193,14 @@ def agreeing(*diagnosed: Outcome) -> Judged:
     for (i, one), (j, other) in combinations(enumerate(map(answer, diagnosed)), 2):
         for a in named(one):
             for b in named(other, a["cause"]):
-                apart += [f"logs {i + 1} and {j + 1}: {x}" for x in differing(a, b) if a["joint"] == b["joint"]]
-    return not apart, "; ".join(apart) or ", ".join(str(answer(one)["verdict"]) for one in diagnosed)
+                apart += [
+                    f"logs {i + 1} and {j + 1}: {x}"
+                    for x in differing(a, b)
+                    if a["joint"] == b["joint"]
+                ]
+    return not apart, "; ".join(apart) or ", ".join(
+        str(answer(one)["verdict"]) for one in diagnosed
+    )
 
 
 def differing(a: Json, b: Json) -> list[str]:
@@ -184,8 +209,14 @@ def differing(a: Json, b: Json) -> list[str]:
     for name in a["parameters"].keys() & b["parameters"].keys():
         p = a["parameters"][name]
         q = b["parameters"][name]
-        if p["std"] and q["std"] and abs(p["value"] - q["value"]) > 3 * np.hypot(p["std"], q["std"]):
-            found.append(f"{a['cause']} {name} {p['value']:.3g} ± {p['std']:.2g}, {q['value']:.3g} ± {q['std']:.2g}")
+        if (
+            p["std"]
+            and q["std"]
+            and abs(p["value"] - q["value"]) > 3 * np.hypot(p["std"], q["std"])
+        ):
+            found.append(
+                f"{a['cause']} {name} {p['value']:.3g} ± {p['std']:.2g}, {q['value']:.3g} ± {q['std']:.2g}"
+            )
     return found
 
 
@@ -217,11 +248,23 @@ def required(cases: Iterable[Case], folder: Path) -> list[Check]:
               agreeing),
     ]  # fmt: skip
     for log in ("on", "off"):
-        diagnosed, identified = ((f"laas_speed_test1_{log}", run) for run in ("diagnose", "identify"))
-        lines.append(
-            Check(f"laas {log}: inertia positive or undetermined", (identified, diagnosed), inertia_is_positive)
+        diagnosed, identified = (
+            (f"laas_speed_test1_{log}", run) for run in ("diagnose", "identify")
         )
-        lines.append(Check(f"laas {log}: identify tells the controller's formula", (identified,), formula_in_identify))
+        lines.append(
+            Check(
+                f"laas {log}: inertia positive or undetermined",
+                (identified, diagnosed),
+                inertia_is_positive,
+            )
+        )
+        lines.append(
+            Check(
+                f"laas {log}: identify tells the controller's formula",
+                (identified,),
+                formula_in_identify,
+            )
+        )
     for name in (*FIRST_LOT, "double_A_0815_02"):
         if name in at:
             title = f"{name}: within a tenth of unmasked least squares"

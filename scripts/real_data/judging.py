@@ -47,18 +47,36 @@ class Judgement:
         return f"{self.device:24.24}  {self.log:28}  {self.judged:8}  {self.verdict}{why}"
 
 
-def judge(log: str, known: Known | None, outcome: Outcome, explained: Callable[[], float]) -> Judgement:
+def judge(
+    log: str, known: Known | None, outcome: Outcome, explained: Callable[[], float]
+) -> Judgement:
     """Return a diagnosis's class; `explained` is least squares' share of the held-out torque, asked at a refusal."""
     told = outcome.result
     if known is None:
-        return Judgement("?", log, Class.UNKNOWN, describe(outcome), "add what is known of the device to known.py")
+        return Judgement(
+            "?",
+            log,
+            Class.UNKNOWN,
+            describe(outcome),
+            "add what is known of the device to known.py",
+        )
     if not outcome.sound or (told is None and outcome.exit == 0):
-        return Judgement(known.device, log, Class.ERROR, outcome.said, "no answer and no single line that says why")
+        return Judgement(
+            known.device,
+            log,
+            Class.ERROR,
+            outcome.said,
+            "no answer and no single line that says why",
+        )
     if told is None:
         share = explained() if known.has_torque else 0.0
         refused = share > PREDICTS
-        why = f"least squares explains {100 * share:.0f} % of the held-out torque" if refused else ""
-        return Judgement(known.device, log, Class.REFUSED if refused else Class.HONEST, outcome.said, why)
+        why = (
+            f"least squares explains {100 * share:.0f} % of the held-out torque" if refused else ""
+        )
+        return Judgement(
+            known.device, log, Class.REFUSED if refused else Class.HONEST, outcome.said, why
+        )
     if why := "; ".join(dict.fromkeys(contradictions(told, known))):
         return Judgement(known.device, log, Class.WRONG, describe(outcome), why)
     judged = Class.RIGHT if is_found(told, known) else Class.HONEST
@@ -67,13 +85,21 @@ def judge(log: str, known: Known | None, outcome: Outcome, explained: Callable[[
 
 def named(told: Json, *causes: str) -> list[Json]:
     """Return the findings that have a name, of these causes or of all but the data's."""
-    return [f for f in told["findings"] if f["status"] == "named" and (not causes or f["cause"] in causes)]
+    return [
+        f
+        for f in told["findings"]
+        if f["status"] == "named" and (not causes or f["cause"] in causes)
+    ]
 
 
 def values(finding: Json, name: str) -> list[float]:
     """Return the values of the parameters that are called so, with or without a number behind."""
     found = finding["parameters"].items()
-    return [p["value"] for key, p in found if re.fullmatch(rf"{name}[_ ]?\d*", key) and p["value"] is not None]
+    return [
+        p["value"]
+        for key, p in found
+        if re.fullmatch(rf"{name}[_ ]?\d*", key) and p["value"] is not None
+    ]
 
 
 def harmonics(told: Json) -> set[int]:
@@ -122,11 +148,18 @@ def contradictions(told: Json, known: Known) -> Iterator[str]:
         for joint, (before, after) in errors(told).items():
             if after > WORSE * before:
                 yield f"held-out error at {joint} grows, {before:.3g} → {after:.3g}"
-    for sentence in (*map(str, told.get("notes", [])), *(str(f.get("sentence")) for f in told["findings"])):
+    for sentence in (
+        *map(str, told.get("notes", [])),
+        *(str(f.get("sentence")) for f in told["findings"]),
+    ):
         less = re.findall(r"inertia[^.;]* is ([\d.]+) ± [\d.]+ % less", sentence)
         yield from (f"an inertia {x} % less" for x in less if float(x) > 100)
         lighter = re.findall(r"([\d.]+) ± [\d.]+ g lighter than the stated ([\d.]+) g", sentence)
-        yield from (f"{x} g lighter than {all_of_it} g" for x, all_of_it in lighter if float(x) >= float(all_of_it))
+        yield from (
+            f"{x} g lighter than {all_of_it} g"
+            for x, all_of_it in lighter
+            if float(x) >= float(all_of_it)
+        )
 
 
 def misses(finding: Json, size: Size) -> Iterator[str]:

@@ -50,8 +50,14 @@ class Known:
 
 
 # A current loop follows within milliseconds; 43 ms is the least lag that was ever named for cogging.
-PROMPT = tuple(Size(cause, name, 0.0, 0.043) for cause, name in (("delay", "time"), ("actuator-lag", "time_constant")))
-ALIGNED = tuple(Size(cause, name, 0.0, 0.005) for cause, name in (("delay", "time"), ("actuator-lag", "time_constant")))
+PROMPT = tuple(
+    Size(cause, name, 0.0, 0.043)
+    for cause, name in (("delay", "time"), ("actuator-lag", "time_constant"))
+)
+ALIGNED = tuple(
+    Size(cause, name, 0.0, 0.005)
+    for cause, name in (("delay", "time"), ("actuator-lag", "time_constant"))
+)
 # An AK80-6's rotor has 0.002 to 0.003 kg m² behind its gear.
 AK80 = (Size("armature", "inertia", 0.0, 0.003), *PROMPT)
 # Plain least squares on two logs a week apart, kg m², with the fifth by which two logs may differ.
@@ -61,7 +67,8 @@ WRISTS = tuple(
 )
 # Published rotor inertias, kg m², with the same fifth.
 ROTORS = tuple(
-    Size("armature", "inertia", 0.8 * x, 1.2 * x, f"joint_{k}") for k, x in ((3, 0.092), (4, 0.032), (5, 0.044))
+    Size("armature", "inertia", 0.8 * x, 1.2 * x, f"joint_{k}")
+    for k, x in ((3, 0.092), (4, 0.032), (5, 0.044))
 )
 BARE = ("cable-spring", "backlash", "joint-flexibility", "saturation", "dead-zone", *RIG)
 """What a bare motor without a gear, a load or a cable cannot have, far below its rail."""

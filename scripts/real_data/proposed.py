@@ -63,7 +63,13 @@ def differing(case: Case) -> list[tuple[str, str]]:
     for target, source in read_mapping(case.maps).items():
         column, factor, remark = found.get(target, ("", "", ""))
         same = column == source.column and target not in inspected.open
-        if not same or abs(parse_expression(format_expression(column, factor), "").factor / source.factor - 1) > 1e-12:
+        if (
+            not same
+            or abs(
+                parse_expression(format_expression(column, factor), "").factor / source.factor - 1
+            )
+            > 1e-12
+        ):
             wrong.append((target, remark if column == source.column else ""))
     return wrong
 
@@ -86,7 +92,18 @@ def from_file(case: Case, folder: Path, limit: float) -> Proposed:
     mapping.write_text(yaml.safe_dump(table, sort_keys=False), encoding="utf-8")
     verb = ["diagnose", str(case.rig), log, "--map", str(mapping), "-o", str(out / "findings")]
     if "track" in case.runs:  # a platform's motion
-        verb = ["track", str(case.rig), "--platform-log", log, "--map", str(mapping), "--seconds", "3", "--seeds", "1"]
+        verb = [
+            "track",
+            str(case.rig),
+            "--platform-log",
+            log,
+            "--map",
+            str(mapping),
+            "--seconds",
+            "3",
+            "--seeds",
+            "1",
+        ]
     reported = run(verb, out, limit)
     wrong = tuple(target for target, remark in differs if not is_unknown(remark))
     report = any((out / "findings").glob("*.html"))

@@ -39,14 +39,18 @@ class Outcome:
     @property
     def sound(self) -> bool:
         """Whether it ended as the contract says: exit code 0, or 2 or 3 with one error; notes may stand before."""
-        errors = [line for line in self.error.splitlines() if not line.startswith("gimbal-pin: note: ")]
+        errors = [
+            line for line in self.error.splitlines() if not line.startswith("gimbal-pin: note: ")
+        ]
         refused = self.exit in (2, 3) and len(errors) == 1
         return (self.exit == 0 or refused) and "Traceback" not in self.error
 
     @property
     def said(self) -> str:
         """Exit code and the last line of standard error, files without their folders."""
-        line = re.sub(r"[/…][^\s:]*/", "", (self.error.strip().splitlines() or [""])[-1]).removeprefix("gimbal-pin: ")
+        line = re.sub(
+            r"[/…][^\s:]*/", "", (self.error.strip().splitlines() or [""])[-1]
+        ).removeprefix("gimbal-pin: ")
         return "over the time limit" if self.exit is None else f"exit {self.exit} {line}".strip()
 
 
@@ -98,4 +102,6 @@ def keep(outcome: Outcome, path: Path) -> None:
 def kept(folder: Path) -> dict[tuple[str, str], Outcome]:
     """Return what a folder of results holds: case and run → outcome."""
     paths = sorted(folder.glob("*/*.json"))
-    return {(p.parent.name, p.stem): Outcome(**json.loads(p.read_text(encoding="utf-8"))) for p in paths}
+    return {
+        (p.parent.name, p.stem): Outcome(**json.loads(p.read_text(encoding="utf-8"))) for p in paths
+    }

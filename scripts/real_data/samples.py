@@ -22,7 +22,11 @@ SMOOTHING = 8.0
 
 def lowpass(x: Array, cutoff: float, rate: float) -> Array:
     """Third-order Butterworth, forwards and backwards along the first axis; nothing at half the rate or above."""
-    return x if cutoff >= rate / 2 else np.asarray(sosfiltfilt(butter(3, cutoff, output="sos", fs=rate), x, axis=0))
+    return (
+        x
+        if cutoff >= rate / 2
+        else np.asarray(sosfiltfilt(butter(3, cutoff, output="sos", fs=rate), x, axis=0))
+    )
 
 
 @dataclass(frozen=True)
@@ -60,10 +64,16 @@ def least_squares(case: Case, cutoff: float) -> Held:
 
     q = lowpass(even(log.q), SMOOTHING * cutoff, rate)
     tau = even(log.tau)
-    v = np.gradient(q, t, axis=0) if log.v is None else lowpass(even(log.v), SMOOTHING * cutoff, rate)
+    v = (
+        np.gradient(q, t, axis=0)
+        if log.v is None
+        else lowpass(even(log.v), SMOOTHING * cutoff, rate)
+    )
     a = np.gradient(v, t, axis=0)
     rigid = compute_regressor(rig, q, v, a)
-    friction = np.concatenate([np.einsum("ij,jk->ijk", x, np.eye(rig.n)) for x in (v, np.sign(v))], axis=2)
+    friction = np.concatenate(
+        [np.einsum("ij,jk->ijk", x, np.eye(rig.n)) for x in (v, np.sign(v))], axis=2
+    )
     columns = lowpass(np.concatenate([rigid, friction], axis=2), cutoff, rate)
     measured = lowpass(tau, cutoff, rate)
     edge = int(rate / cutoff)
@@ -71,7 +81,9 @@ def least_squares(case: Case, cutoff: float) -> Held:
     train = slice(edge, cut - edge)
     test = slice(cut + edge, len(t) - edge)
     width = columns.shape[2]
-    theta = np.linalg.lstsq(columns[train].reshape(-1, width), measured[train].reshape(-1), rcond=1e-8)[0]
+    theta = np.linalg.lstsq(
+        columns[train].reshape(-1, width), measured[train].reshape(-1), rcond=1e-8
+    )[0]
     return Held((t, q, v, a), test, measured[test], columns[test] @ theta, rate)
 
 
@@ -79,8 +91,12 @@ def errors(case: Case, model: Path, cutoff: float) -> tuple[Array, Array]:
     """Return held-out torque errors rms, N m, (n,): of a model's file, and of least squares on all other samples."""
     held = least_squares(case, cutoff)
     t, q, v, a = held.motion
-    mine = lowpass(read_model(model, Rig.load(case.rig)).inverse(q, v, a, t=t), cutoff, held.rate)[held.test]
-    one, other = (np.sqrt(np.mean((held.measured - x) ** 2, axis=0)) for x in (mine, held.predicted))
+    mine = lowpass(read_model(model, Rig.load(case.rig)).inverse(q, v, a, t=t), cutoff, held.rate)[
+        held.test
+    ]
+    one, other = (
+        np.sqrt(np.mean((held.measured - x) ** 2, axis=0)) for x in (mine, held.predicted)
+    )
     return one, other
 
 
@@ -90,5 +106,7 @@ def explained_share(case: Case, cutoff: float) -> float:
         held = least_squares(case, cutoff)
     except GimbalPinError:
         return 0.0
-    left = np.mean((held.measured - held.predicted) ** 2, axis=0) / np.mean(held.measured**2, axis=0)
+    left = np.mean((held.measured - held.predicted) ** 2, axis=0) / np.mean(
+        held.measured**2, axis=0
+    )
     return float(1 - np.min(left))

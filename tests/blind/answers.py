@@ -51,7 +51,10 @@ def read(path: Path) -> dict[str, Judged]:
 
 def encode_answer(answer: Mapping[str, Any]) -> str:
     """Return what is kept of ``diagnose --json`` as one line of JSON."""
-    errors = {stage: _select(answer.get(stage) or {}, ("torque_rmse",)) for stage in ("baseline", "extended")}
+    errors = {
+        stage: _select(answer.get(stage) or {}, ("torque_rmse",))
+        for stage in ("baseline", "extended")
+    }
     findings = [_select(finding, FINDING_KEYS) for finding in answer.get("findings", ())]
     return _encode(_select(answer, ("verdict", "exit", "causes")) | {"findings": findings} | errors)
 
@@ -61,7 +64,9 @@ def _make_row(place: Path) -> dict[str, str]:
     truth = json.loads((place / "truth.json").read_text(encoding="utf-8"))
     answer = json.loads((place / "diagnosis.json").read_text(encoding="utf-8"))
     clock = place / "seconds"
-    kept_truth = _select(truth, TRUTH_KEYS) | {"causes": [_select(cause, CAUSE_KEYS) for cause in truth["causes"]]}
+    kept_truth = _select(truth, TRUTH_KEYS) | {
+        "causes": [_select(cause, CAUSE_KEYS) for cause in truth["causes"]]
+    }
     return {
         "log": place.name,
         "stratum": truth["stratum"],

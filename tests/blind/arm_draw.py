@@ -59,7 +59,9 @@ def _links(rng: np.random.Generator, pattern: str, lengths: Array, masses: Array
             fixed = mount @ fixed
             place = mount @ place
         axis = frame.T @ direction
-        links.append(Link(f"link_{i + 1}", name.format(i + 1), fixed, place, axis, inertia, low, high))
+        links.append(
+            Link(f"link_{i + 1}", name.format(i + 1), fixed, place, axis, inertia, low, high)
+        )
         world = frame
     return links
 
@@ -74,12 +76,18 @@ def draw_arm(rng: np.random.Generator, axes: int) -> Rig:
     links = _links(rng, pattern, lengths, masses)
     camera = float(rng.uniform(0.15, 0.4) * masses.mean())
     edge = float((camera / 700.0) ** (1.0 / 3.0))
-    box = Inertia(camera, 0.3 * edge * rng.normal(size=3), camera * edge**2 / 6.0 * np.diag(rng.uniform(0.8, 1.2, 3)))
+    box = Inertia(
+        camera,
+        0.3 * edge * rng.normal(size=3),
+        camera * edge**2 / 6.0 * np.diag(rng.uniform(0.8, 1.2, 3)),
+    )
     outward = np.cumsum(masses[::-1])[::-1] + camera
     beyond = np.cumsum(lengths[::-1])[::-1]
     tip = Payload("camera", "camera_mount", tilted(rng, 10.0), links[-1].inertia.com * 2.0, box)
     work = np.array([ROLLING if kind == "Z" and i else 1.0 for i, kind in enumerate(pattern)])
-    motors = tuple(_motor(rng, float(x)) for x in 4.0 * work * outward * beyond * rng.uniform(0.7, 1.2, axes))
+    motors = tuple(
+        _motor(rng, float(x)) for x in 4.0 * work * outward * beyond * rng.uniform(0.7, 1.2, axes)
+    )
     speed = float(rng.uniform(2.0, 4.5))
     rig = Rig(f"arm_{pattern}", "base", tuple(links), motors, tip, (0.0,) * axes, speed)
     return strong_enough(rng, rig)
@@ -92,7 +100,9 @@ def locked(rig: Rig, joint: int) -> Rig:
     payload = rig.payload
     if joint > 0:
         carried = gone.inertia.seen_from(gone.rotation, gone.position)
-        others[joint - 1] = replace(others[joint - 1], inertia=others[joint - 1].inertia.plus(carried))
+        others[joint - 1] = replace(
+            others[joint - 1], inertia=others[joint - 1].inertia.plus(carried)
+        )
     if joint < len(others):
         after = others[joint]
         turned = gone.rotation @ after.rotation
@@ -103,4 +113,6 @@ def locked(rig: Rig, joint: int) -> Rig:
         moved = gone.rotation @ payload.position + gone.position
         payload = replace(payload, rotation=turned, position=moved)
     motors = rig.motors[:joint] + rig.motors[joint + 1 :]
-    return replace(rig, links=tuple(others), motors=motors, payload=payload, armature=rig.armature[:-1])
+    return replace(
+        rig, links=tuple(others), motors=motors, payload=payload, armature=rig.armature[:-1]
+    )

@@ -28,7 +28,9 @@ def share_of(effect: Effect, ledger: Ledger, rate: float) -> float:
 
 def trial(scene: Scene, effect: Effect) -> tuple[World, Ledger]:
     """A run at coarse steps with this effect alone."""
-    world, trace = scene.run([effect], scene.substeps(STIFF_TRIAL_STEP if effect.stiff else TRIAL_STEP))
+    world, trace = scene.run(
+        [effect], scene.substeps(STIFF_TRIAL_STEP if effect.stiff else TRIAL_STEP)
+    )
     return world, settle(world, trace)
 
 

@@ -12,7 +12,16 @@ from .corruption import CORRUPTIONS, MISMATCHES, Columns, Damage
 from .drive_sensors import DriveSensors
 from .effects import CATALOGUE, Effect, PlatformMotion, diagonal
 from .ledger import settle
-from .logbook import ROW, clean_channels, imu, noisy_channels, perfect_columns, shaken, temperatures, write_columns
+from .logbook import (
+    ROW,
+    clean_channels,
+    imu,
+    noisy_channels,
+    perfect_columns,
+    shaken,
+    temperatures,
+    write_columns,
+)
 from .plan import DrivePlan, Hidden, Plan
 from .rig_draw import draw_rig, nominal
 from .rigs import Array, Rig
@@ -44,7 +53,9 @@ class Case:
 
 def _streams(seed: int) -> dict[str, np.random.Generator]:
     children = np.random.SeedSequence(seed).spawn(len(STREAMS))
-    return {name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)}
+    return {
+        name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)
+    }
 
 
 def _sensors(plan: Plan, rng: np.random.Generator) -> Sensors:
@@ -79,7 +90,9 @@ def hide(plan: Plan) -> Case:
     Raises: PlantDivergedError when the controller cannot hold the rig with this effect at any strength."""
     streams = _streams(plan.seed)
     drive = isinstance(plan, DrivePlan)
-    rig = people.draw_full_rig(plan, streams["rig"]) if drive else draw_rig(streams["rig"], plan.axes)
+    rig = (
+        people.draw_full_rig(plan, streams["rig"]) if drive else draw_rig(streams["rig"], plan.axes)
+    )
     if any(hidden.cause == "off-diagonal-inertia" for hidden in plan.hidden):
         rig = diagonal(rig)
     if drive:
@@ -110,7 +123,9 @@ def _case(run: Run, streams: dict[str, np.random.Generator]) -> Case:
     clean = clean_channels(trace, world.encoder(trace.q), scene.sensors.has_rate)
     noisy = noisy_channels(scene, trace, streams["noise"], plan.formula)
     extra = _extra(run, streams["log"])
-    log = write_columns(scene, noisy, shaken(extra, streams["log"], scene.rate), plan.formula, streams["log"])
+    log = write_columns(
+        scene, noisy, shaken(extra, streams["log"], scene.rate), plan.formula, streams["log"]
+    )
     damage = _damaged(plan, log, streams["damage"])
     blur = Blur(*noise_floor(world.reference, noisy, clean, scene.rate))
     return Case(
@@ -172,9 +187,17 @@ def _extra(run: Run, rng: np.random.Generator) -> Columns:
     columns: Columns = {}
     if moving is not None and moving.measured:
         columns |= imu(rig, t, moving.motion())
-    elif with_imu and moving is None and not any(e.cause in ("base-tilt", "soft-base") for e in effects):
+    elif (
+        with_imu
+        and moving is None
+        and not any(e.cause in ("base-tilt", "soft-base") for e in effects)
+    ):
         columns |= imu(rig, t, None)
-    return columns | temperatures(rig, run.trace, 1.0 / run.scene.rate) if with_temperature else columns
+    return (
+        columns | temperatures(rig, run.trace, 1.0 / run.scene.rate)
+        if with_temperature
+        else columns
+    )
 
 
 def _damaged(plan: Plan, log: Columns, rng: np.random.Generator) -> Damage:

@@ -36,7 +36,9 @@ def joint_inertia(rig: Rig, q: Array) -> Array:
     return np.asarray(np.diag(mass_matrix(rig, q)))
 
 
-def draw_soft_gains(rng: np.random.Generator, rig: Rig, reference: Reference, held: tuple[int, ...]) -> Gains:
+def draw_soft_gains(
+    rng: np.random.Generator, rig: Rig, reference: Reference, held: tuple[int, ...]
+) -> Gains:
     """A loop of 1.5–3.5 Hz for chains whose axes act on each other: inertia as felt with the other joints free,
     1 / (M⁻¹)ᵢᵢ, the least along the motion. Joints that are held are held twice as fast."""
     poses = reference.q[:: max(1, len(reference.q) // 12)]
@@ -47,22 +49,32 @@ def draw_soft_gains(rng: np.random.Generator, rig: Rig, reference: Reference, he
     return Gains(inertia * omega**2, damping * inertia * omega, float(rng.uniform(0.6, 1.0)))
 
 
-def draw_gains(rng: np.random.Generator, rig: Rig, reference: Reference, feed_forward: bool) -> Gains:
+def draw_gains(
+    rng: np.random.Generator, rig: Rig, reference: Reference, feed_forward: bool
+) -> Gains:
     """A loop of 1.5–3.5 Hz, a little under or over damped."""
     inertia = joint_inertia(rig, reference.q.mean(axis=0))
     omega = 2.0 * np.pi * rng.uniform(1.5, 3.5, len(inertia))
     damping = 2.0 * rng.uniform(0.6, 1.1, len(inertia))
-    return Gains(inertia * omega**2, damping * inertia * omega, float(rng.uniform(0.6, 1.0)) if feed_forward else 0.0)
+    return Gains(
+        inertia * omega**2,
+        damping * inertia * omega,
+        float(rng.uniform(0.6, 1.0)) if feed_forward else 0.0,
+    )
 
 
 def feed_forward(model: Rig, reference: Reference, gains: Gains) -> Array:
     """trust · RNEA of the (wrong) model along the reference, and the dither: (N, n)."""
     if gains.trust == 0.0:
         return reference.dither
-    return reference.dither + gains.trust * inverse_dynamics(model, reference.q, reference.dq, reference.ddq)
+    return reference.dither + gains.trust * inverse_dynamics(
+        model, reference.q, reference.dq, reference.ddq
+    )
 
 
-def closed_loop(world: World, reference: Reference, gains: Gains, forward: Array, seen: Measurement) -> Controller:
+def closed_loop(
+    world: World, reference: Reference, gains: Gains, forward: Array, seen: Measurement
+) -> Controller:
     """u = kp (q_ref - q) + kd (dq_ref - dq) + forward, clipped at the motors' limits, of measured q and dq."""
     limits = [motor.tau_max for motor in world.rig.motors]
     loop = list(zip(gains.kp.tolist(), gains.kd.tolist(), limits, strict=True))
@@ -70,10 +82,16 @@ def closed_loop(world: World, reference: Reference, gains: Gains, forward: Array
     dq_ref = reference.dq.tolist()
     ahead = forward.tolist()
 
-    def controller(k: int, q: list[float], v: list[float]) -> tuple[list[float], list[float], list[float]]:
+    def controller(
+        k: int, q: list[float], v: list[float]
+    ) -> tuple[list[float], list[float], list[float]]:
         measured_q, measured_v = seen(k, q, v)
         rows = zip(loop, q_ref[k], measured_q, dq_ref[k], measured_v, ahead[k], strict=True)
         command = [kp * (r - x) + kd * (dr - dx) + u for (kp, kd, _), r, x, dr, dx, u in rows]
-        return measured_q, measured_v, [min(max(u, -top), top) for u, (_, _, top) in zip(command, loop, strict=True)]
+        return (
+            measured_q,
+            measured_v,
+            [min(max(u, -top), top) for u, (_, _, top) in zip(command, loop, strict=True)],
+        )
 
     return controller

@@ -33,7 +33,10 @@ READINGS: dict[tuple[str, str], Reading] = {
 """(cause, the truth's parameter) → the diagnosis's; where nothing stands the names and meanings agree."""
 SAME_FAULT: dict[str, str] = {"controller-formula": "commanded-torque"}
 """A fault by another name: a torque that is nothing but the command, and one that is the controller's formula."""
-LOOK_ALIKES = (frozenset({"delay", "actuator-lag"}), frozenset({"torque-bias", "asymmetric-friction"}))
+LOOK_ALIKES = (
+    frozenset({"delay", "actuator-lag"}),
+    frozenset({"torque-bias", "asymmetric-friction"}),
+)
 """Causes that are one to first order: τ(t - d) ≈ τ - d τ' as of a lag of d; and F₊ v > 0, -F₋ v < 0, which is
 ½(F₊ + F₋) sign v + ½(F₊ - F₋), a constant. Their probabilities are judged together."""
 COMPANY: dict[tuple[str, str], str] = {("cogging", "steep"): "torque-bias"}

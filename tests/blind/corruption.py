@@ -33,7 +33,9 @@ def _rows(columns: Columns, window: Window) -> slice:
 
 
 def _named(columns: Columns, *prefixes: str) -> list[str]:
-    return [name for name in columns if name.split("_")[0] in prefixes and not name.startswith("q_ref_")]
+    return [
+        name for name in columns if name.split("_")[0] in prefixes and not name.startswith("q_ref_")
+    ]
 
 
 def _pick(columns: Columns, rng: np.random.Generator, *prefixes: str) -> str:
@@ -59,7 +61,9 @@ def coarse_encoder(columns: Columns, rng: np.random.Generator, window: Window) -
     period = _period(columns)
     step = 2.0 * np.pi / 2**bits
     angles = {name: step * np.round(columns[name] / step) for name in _named(columns, "q")}
-    rates = {f"d{name}": np.gradient(x, period) for name, x in angles.items() if f"d{name}" in columns}
+    rates = {
+        f"d{name}": np.gradient(x, period) for name, x in angles.items() if f"d{name}" in columns
+    }
     return Damage(_replaced(columns, rows, **angles, **rates), {"bits": float(bits)})
 
 
@@ -79,7 +83,9 @@ def jittered_clock(columns: Columns, rng: np.random.Generator, window: Window) -
     size = float(rng.uniform(0.1, 0.4))
     t = columns["t"]
     error = size * _period(columns) * rng.normal(size=len(t))
-    stamped = np.maximum.accumulate(t + np.clip(error, -0.9 * _period(columns), 0.9 * _period(columns)))
+    stamped = np.maximum.accumulate(
+        t + np.clip(error, -0.9 * _period(columns), 0.9 * _period(columns))
+    )
     stamped += 1e-9 * np.arange(len(t))
     jittered = _replaced(columns, _rows(columns, window), t=stamped)
     return Damage(jittered | {"t": np.sort(jittered["t"])}, {"jitter": size})
@@ -151,7 +157,9 @@ def spikes(columns: Columns, rng: np.random.Generator, window: Window) -> Damage
     rows = _rows(columns, window)
     share = float(rng.uniform(5e-4, 0.01))
     hit = rng.random(len(columns["t"])) < share
-    size = rng.uniform(3.0, 20.0, len(hit)) * rng.choice([-1.0, 1.0], len(hit)) * np.std(columns[name])
+    size = (
+        rng.uniform(3.0, 20.0, len(hit)) * rng.choice([-1.0, 1.0], len(hit)) * np.std(columns[name])
+    )
     spiky = columns[name] + hit * size
     return Damage(_replaced(columns, rows, **{name: spiky}), {"share": share}, (name,))
 
@@ -182,7 +190,9 @@ def late_torque(columns: Columns, rng: np.random.Generator, window: Window) -> D
     t = columns["t"]
     kept = t >= t[0] + late
     delayed = {name: np.interp(t - late, t, columns[name]) for name in _named(columns, "tau")}
-    return Damage({name: x[kept] for name, x in (columns | delayed).items()}, {"late": late}, tuple(delayed))
+    return Damage(
+        {name: x[kept] for name, x in (columns | delayed).items()}, {"late": late}, tuple(delayed)
+    )
 
 
 def exchanged_joints(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:

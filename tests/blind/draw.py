@@ -64,9 +64,14 @@ def _clean(rng: np.random.Generator, stratum: str) -> list[Plan]:
     return [replace(plan, trusted=yes) for plan, yes in zip(plans, trusted, strict=True)]
 
 
-def _singles(rng: np.random.Generator, block: int, stratum: str, kinds: Sequence[type[Effect]]) -> list[Plan]:
+def _singles(
+    rng: np.random.Generator, block: int, stratum: str, kinds: Sequence[type[Effect]]
+) -> list[Plan]:
     hidden = _hidden(rng, _forms(kinds), block)
-    plans = [_with(plan, [item]) for plan, item in zip(_bare(rng, stratum, len(hidden)), hidden, strict=True)]
+    plans = [
+        _with(plan, [item])
+        for plan, item in zip(_bare(rng, stratum, len(hidden)), hidden, strict=True)
+    ]
     return [plans[i] for i in rng.permutation(len(plans))]
 
 
@@ -83,37 +88,56 @@ def _partner(rng: np.random.Generator, first: Hidden) -> Hidden | None:
     """Something of at least 3 % that may stand beside the first; None where nothing may."""
     joint = float(rng.random())
     share = float(rng.choice(SHARES[2:]))
-    ready = [item for item in (Hidden(*form, share, joint) for form in _forms(PUBLISHED)) if _compatible(first, item)]
+    ready = [
+        item
+        for item in (Hidden(*form, share, joint) for form in _forms(PUBLISHED))
+        if _compatible(first, item)
+    ]
     return ready[int(rng.integers(len(ready)))] if ready else None
 
 
 def _pairs(rng: np.random.Generator, block: int) -> list[Plan]:
     """Every published form once, at 1 % or more, each with a random partner."""
-    firsts = [replace(item, share=max(item.share, SHARES[1])) for item in _hidden(rng, _forms(PUBLISHED), block)]
+    firsts = [
+        replace(item, share=max(item.share, SHARES[1]))
+        for item in _hidden(rng, _forms(PUBLISHED), block)
+    ]
     bare = _bare(rng, "pair", len(firsts))
     seconds = [_partner(rng, first) for first in firsts]
-    plans = [_with(p, [a, b]) for p, a, b in zip(bare, firsts, seconds, strict=True) if b is not None]
+    plans = [
+        _with(p, [a, b]) for p, a, b in zip(bare, firsts, seconds, strict=True) if b is not None
+    ]
     return [plans[i] for i in rng.permutation(len(plans))]
 
 
 def _data(rng: np.random.Generator) -> list[Plan]:
     plans = _bare(rng, "data", len(ALL_DATA))
-    return [replace(plan, data=item, level="clean") for plan, item in zip(plans, ALL_DATA, strict=True)]
+    return [
+        replace(plan, data=item, level="clean") for plan, item in zip(plans, ALL_DATA, strict=True)
+    ]
 
 
 def _mismatched(rng: np.random.Generator) -> list[Plan]:
     """Clean rigs of two axes or more, their torque late and their joints exchanged by turns."""
     faults = [(cause, form) for cause, forms in MISMATCHES.items() for form in forms]
     plans = _bare(rng, "mismatched", 6 * len(faults))
-    return [replace(p, data=faults[i % len(faults)], axes=max(p.axes, 2)) for i, p in enumerate(plans)]
+    return [
+        replace(p, data=faults[i % len(faults)], axes=max(p.axes, 2)) for i, p in enumerate(plans)
+    ]
 
 
 def _dressed(rng: np.random.Generator, plans: list[Plan]) -> list[Plan]:
     """The same hidden in logs as people have them."""
-    needed = [max([CATALOGUE[item.cause].needs_axes for item in plan.hidden], default=1) for plan in plans]
-    fixed = [all(CATALOGUE[item.cause].base is Base.FIXED for item in plan.hidden) for plan in plans]
+    needed = [
+        max([CATALOGUE[item.cause].needs_axes for item in plan.hidden], default=1) for plan in plans
+    ]
+    fixed = [
+        all(CATALOGUE[item.cause].base is Base.FIXED for item in plan.hidden) for plan in plans
+    ]
     stiff = [any(CATALOGUE[item.cause].stiff for item in plan.hidden) for plan in plans]
-    return list(dressed(rng, plans, needed, [a and not b for a, b in zip(fixed, stiff, strict=True)]))
+    return list(
+        dressed(rng, plans, needed, [a and not b for a, b in zip(fixed, stiff, strict=True)])
+    )
 
 
 def _block(seed: int, stratum: str, block: int) -> list[Plan]:

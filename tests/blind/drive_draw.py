@@ -13,7 +13,13 @@ from .plan import SHARES, DrivePlan, Hidden, Plan
 T = TypeVar("T")
 MIX = (*4 * ("plain",), *3 * ("many-joints",), *2 * ("short",), *2 * ("turning",), "long")
 """Variants, as often as they are drawn."""
-SECONDS = {"plain": (12, 61), "many-joints": (15, 46), "short": (5, 9), "turning": (20, 91), "long": (300, 601)}
+SECONDS = {
+    "plain": (12, 61),
+    "many-joints": (15, 46),
+    "short": (5, 9),
+    "turning": (20, 91),
+    "long": (300, 601),
+}
 RATES: dict[str, tuple[float, ...]] = {
     "plain": (100.0, 200.0, 250.0, 300.0, 500.0, 1000.0),
     "many-joints": (100.0, 125.0, 250.0, 500.0),
@@ -51,7 +57,11 @@ def _axes(rng: np.random.Generator, variant: str, arm: bool, plan: Plan) -> int:
 
 def _dress(rng: np.random.Generator, plan: Plan, variant: str, needed: int) -> DrivePlan:
     arm = variant == "many-joints" or (variant in ("plain", "short") and rng.random() < 0.4)
-    idle = "" if plan.trusted or rng.random() < 0.7 else str(rng.choice(["held", "unlogged", "bolted"]))
+    idle = (
+        ""
+        if plan.trusted or rng.random() < 0.7
+        else str(rng.choice(["held", "unlogged", "bolted"]))
+    )
     axes = max(_axes(rng, variant, arm, plan), needed + bool(idle))
     seconds = float(rng.integers(*SECONDS[variant]))
     again = variant in ("plain", "many-joints", "long") and seconds >= 20.0 and rng.random() < 0.5
@@ -79,4 +89,7 @@ def dressed(
     """The same plans in people's logs; `needed`: axes that the hidden needs; `light`: it may run for ten minutes."""
     variants = spread(rng, MIX, len(plans))
     rows = zip(plans, variants, needed, light, strict=True)
-    return [_dress(rng, plan, _variant(variant, plan, quick), least) for plan, variant, least, quick in rows]
+    return [
+        _dress(rng, plan, _variant(variant, plan, quick), least)
+        for plan, variant, least, quick in rows
+    ]

@@ -45,7 +45,9 @@ def _stamped(rng: np.random.Generator, jitter: float, t: Array) -> Array:
     return np.asarray(np.maximum.accumulate(t + late - least) + least)
 
 
-def torque_shown(sensors: DriveSensors, scene: Scene, trace: Trace, rows: NDArray[np.intp], noise: Array) -> Array:
+def torque_shown(
+    sensors: DriveSensors, scene: Scene, trace: Trace, rows: NDArray[np.intp], noise: Array
+) -> Array:
     """Reported torque (M, n), N m: low-passed, late, noisy (`noise` of unit rms), in steps, some rows old."""
     current = sensors.reported(trace.command, scene.rate)
     t = trace.t
@@ -57,7 +59,9 @@ def torque_shown(sensors: DriveSensors, scene: Scene, trace: Trace, rows: NDArra
     return np.asarray(stepped[held])
 
 
-def show(sensors: DriveSensors, scene: Scene, trace: Trace, every: int, rng: np.random.Generator) -> Shown:
+def show(
+    sensors: DriveSensors, scene: Scene, trace: Trace, every: int, rng: np.random.Generator
+) -> Shown:
     """Every so manieth sample of the run, as these sensors show it."""
     rows = np.arange(0, len(trace.t), every)
     past = np.maximum(rows - round(sensors.angle_late * scene.rate), 0)
@@ -67,10 +71,14 @@ def show(sensors: DriveSensors, scene: Scene, trace: Trace, every: int, rng: np.
     if sensors.rate_step:
         rate = sensors.rate_step * np.round(rate / sensors.rate_step)
     stamps = _stamped(rng, sensors.jitter, trace.t[rows])
-    return Shown(rows, stamps, Channels(trace.measured_q[past], rate if sensors.has_rate else None, tau))
+    return Shown(
+        rows, stamps, Channels(trace.measured_q[past], rate if sensors.has_rate else None, tau)
+    )
 
 
-def written(sensors: DriveSensors, scene: Scene, shown: Shown, extra: Columns, rng: np.random.Generator) -> Columns:
+def written(
+    sensors: DriveSensors, scene: Scene, shown: Shown, extra: Columns, rng: np.random.Generator
+) -> Columns:
     """The log's columns: some rows repeat the one before under their own stamp, some are lost, half the logs have the
     reference; ROW: the run's sample of each."""
     rig = scene.rig
@@ -79,15 +87,21 @@ def written(sensors: DriveSensors, scene: Scene, shown: Shown, extra: Columns, r
     columns = columns_of(rig, shown.t, shown.channels)
     columns |= shaken({name: values[rows] for name, values in extra.items()}, rng, 1.0 / period)
     if rng.random() < 0.5:
-        columns |= {f"q_ref_{joint}": scene.reference.q[rows, i] for i, joint in enumerate(rig.joints)}
+        columns |= {
+            f"q_ref_{joint}": scene.reference.q[rows, i] for i, joint in enumerate(rig.joints)
+        }
     source = np.arange(len(rows)) - (rng.random(len(rows)) < sensors.repeated)
     source[0] = 0
     columns = {name: values if name == "t" else values[source] for name, values in columns.items()}
     kept = kept_rows(rng, sensors.lost, len(rows))
-    return {name: values[kept] for name, values in columns.items()} | {ROW: rows[kept].astype(float)}
+    return {name: values[kept] for name, values in columns.items()} | {
+        ROW: rows[kept].astype(float)
+    }
 
 
-def spectrum(sensors: DriveSensors, scene: Scene, world: World, trace: Trace, shown: Shown) -> tuple[Spectrum, Array]:
+def spectrum(
+    sensors: DriveSensors, scene: Scene, world: World, trace: Trace, shown: Shown
+) -> tuple[Spectrum, Array]:
     """Noise of the torque balance, as it stood before the current's low-pass, and its share of the
     acceleration (n,), none where a joint is held.
 
@@ -103,7 +117,9 @@ def spectrum(sensors: DriveSensors, scene: Scene, world: World, trace: Trace, sh
     read = read[hertz <= CUTOFF_HZ]
     grid = np.arange(0.0, CUTOFF_HZ + 0.02, 0.02)
     step = sensors.torque_step * np.array([motor.tau_max for motor in scene.rig.motors])
-    torque = (sensors.noise_share * rms(trace.command)) ** 2 * sensors.noise.density(grid, rate)[:, None]
+    torque = (sensors.noise_share * rms(trace.command)) ** 2 * sensors.noise.density(grid, rate)[
+        :, None
+    ]
     density = (torque + step**2 / (6.0 * rate)) / sensors.passed(grid)[:, None]
     whole = Spectrum(grid, density + Spectrum(hertz[: len(read)], read).at(grid))
     share = rms(a - true_a) / np.maximum(rms(true_a), 1e-12)

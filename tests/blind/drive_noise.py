@@ -23,7 +23,9 @@ class Colour:
     def _gain(self, hertz: Array, rate: float) -> Array:
         """|H|² of the filter that white noise goes through."""
         if self.kind == "ar1":
-            return np.asarray(1.0 / np.abs(1.0 - self.phi * np.exp(-2j * np.pi * hertz / rate)) ** 2)
+            return np.asarray(
+                1.0 / np.abs(1.0 - self.phi * np.exp(-2j * np.pi * hertz / rate)) ** 2
+            )
         response = freqz_sos(butter(2, self.hertz, fs=rate, output="sos"), hertz, fs=rate)[1]
         return np.asarray(np.abs(response) ** 2)
 
@@ -42,7 +44,9 @@ class Colour:
         white = rng.normal(size=(shape[0] + before, shape[1])) / np.sqrt(self._power(rate))
         if self.kind == "ar1":
             return np.asarray(lfilter([1.0], [1.0, -self.phi], white, axis=0)[before:])
-        return np.asarray(sosfilt(butter(2, self.hertz, fs=rate, output="sos"), white, axis=0)[before:])
+        return np.asarray(
+            sosfilt(butter(2, self.hertz, fs=rate, output="sos"), white, axis=0)[before:]
+        )
 
     def _corner(self, rate: float) -> float:
         return -float(np.log(self.phi)) * rate / (2.0 * np.pi) if self.kind == "ar1" else self.hertz

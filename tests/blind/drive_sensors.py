@@ -76,7 +76,9 @@ class DriveSensors:
 class DriveReading:
     """(sample, true q, true v) → the encoder's angles and the rates made of them; called sample by sample, in order."""
 
-    def __init__(self, world: World, sensors: DriveSensors, samples: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self, world: World, sensors: DriveSensors, samples: int, rng: np.random.Generator
+    ) -> None:
         self.world, self.step, self.observer = world, sensors.step, sensors.rate_law == "observer"
         self.noise = sensors.encoder_noise * rng.normal(size=(samples, world.joints))
         self.period = world.seconds / samples
@@ -141,7 +143,9 @@ def draw_drive_sensors(rng: np.random.Generator, rate: float, aligned: bool) -> 
         angle_late=late,
         torque_late=wanted - slow + late,
         alignment=wanted,
-        jitter=min(float(np.exp(rng.uniform(np.log(2e-5), np.log(4e-4)))), 0.1 / rate) if clock else 0.0,
+        jitter=min(float(np.exp(rng.uniform(np.log(2e-5), np.log(4e-4)))), 0.1 / rate)
+        if clock
+        else 0.0,
         lost=float(rng.uniform(0.0005, 0.01)) if holes else 0.0,
         repeated=float(rng.uniform(0.001, 0.02)) if rng.random() < 0.3 else 0.0,
     )

@@ -27,7 +27,9 @@ class Reference:
 
     def first(self, samples: int) -> Reference:
         """Its first samples."""
-        return Reference(*(values[:samples] for values in (self.t, self.q, self.dq, self.ddq, self.dither)))
+        return Reference(
+            *(values[:samples] for values in (self.t, self.q, self.dq, self.ddq, self.dither))
+        )
 
 
 def multisine(rng: np.random.Generator, t: Array) -> Array:
@@ -35,7 +37,9 @@ def multisine(rng: np.random.Generator, t: Array) -> Array:
     count = int(rng.integers(5, 11))
     hertz = np.exp(rng.uniform(np.log(0.08), np.log(2.5), count))
     weight = hertz ** -float(rng.uniform(0.5, 1.1))
-    x = (weight * np.sin(2.0 * np.pi * hertz * t[:, None] + rng.uniform(-np.pi, np.pi, count))).sum(axis=1)
+    x = (weight * np.sin(2.0 * np.pi * hertz * t[:, None] + rng.uniform(-np.pi, np.pi, count))).sum(
+        axis=1
+    )
     return np.asarray(x / weight.sum() * 1.6)
 
 
@@ -68,12 +72,16 @@ def random_steps(rng: np.random.Generator, t: Array) -> Array:
     starts = np.concatenate([[0.0], np.cumsum(moves + rests)[:-1]])
     row = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, 398)
     x = np.clip((t - starts[row]) / moves[row], 0.0, 1.0)
-    return np.asarray(goals[row] + (goals[row + 1] - goals[row]) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
+    return np.asarray(
+        goals[row] + (goals[row + 1] - goals[row]) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+    )
 
 
 def reversals(rng: np.random.Generator, t: Array) -> Array:
     """Small triangles of changing size around places that change now and then."""
-    size = np.interp(t, np.linspace(0.0, t[-1] + 1.0, 12), np.exp(rng.uniform(np.log(0.02), np.log(0.2), 12)))
+    size = np.interp(
+        t, np.linspace(0.0, t[-1] + 1.0, 12), np.exp(rng.uniform(np.log(0.02), np.log(0.2), 12))
+    )
     hertz = float(rng.uniform(0.4, 1.2))
     triangle = 4.0 * np.abs((hertz * t + 0.25) % 1.0 - 0.5) - 1.0
     return np.asarray(0.8 * random_steps(rng, t / 6.0) + size * triangle)
@@ -102,7 +110,10 @@ def _mixture(rng: np.random.Generator, t: Array, own: Array) -> Array:
     """Two or three shapes one after the other, each faded into the next within half a second."""
     names = rng.choice(list(SHAPES), int(rng.integers(2, 4)), replace=False)
     edges = np.linspace(t[0], t[-1], len(names) + 1)
-    rise = [np.clip((t - edge) / 0.5, 0.0, 1.0) if i else np.ones_like(t) for i, edge in enumerate(edges[:-1])]
+    rise = [
+        np.clip((t - edge) / 0.5, 0.0, 1.0) if i else np.ones_like(t)
+        for i, edge in enumerate(edges[:-1])
+    ]
     x = np.zeros_like(t)
     for name, gate in zip(names, rise, strict=True):
         soft = gate * gate * (3.0 - 2.0 * gate)
@@ -133,20 +144,33 @@ def load(rig: Rig, q: Array, period: float) -> Array:
     """How much of its limits each joint's motion takes: the larger of torque over limit and speed over limit, (n,)."""
     dq, ddq = _derivatives(q, period)
     few = slice(None, None, max(1, round(0.01 / period)))
-    tau = np.abs(inverse_dynamics(rig, q[few], dq[few], ddq[few])) + rig.coulomb + rig.viscous * np.abs(dq[few])
+    tau = (
+        np.abs(inverse_dynamics(rig, q[few], dq[few], ddq[few]))
+        + rig.coulomb
+        + rig.viscous * np.abs(dq[few])
+    )
     limits = np.array([motor.tau_max for motor in rig.motors])
-    return np.maximum(np.quantile(tau, 0.999, axis=0) / limits, np.abs(dq).max(axis=0) / rig.velocity_limit)
+    return np.maximum(
+        np.quantile(tau, 0.999, axis=0) / limits, np.abs(dq).max(axis=0) / rig.velocity_limit
+    )
 
 
 def _dither(rng: np.random.Generator, t: Array, size: Array) -> Array:
     """Four sines of torque per joint between 8 and 45 Hz."""
     hertz = np.exp(rng.uniform(np.log(8.0), np.log(45.0), (len(size), 4)))
-    wave = np.sin(2.0 * np.pi * hertz * t[:, None, None] + rng.uniform(-np.pi, np.pi, (len(size), 4)))
+    wave = np.sin(
+        2.0 * np.pi * hertz * t[:, None, None] + rng.uniform(-np.pi, np.pi, (len(size), 4))
+    )
     return np.asarray(size * wave.sum(axis=2) / 2.0**0.5)
 
 
 def draw_reference(
-    rng: np.random.Generator, rig: Rig, kind: str, seconds: float, rate: float, habit: Habit | None = None
+    rng: np.random.Generator,
+    rig: Rig,
+    kind: str,
+    seconds: float,
+    rate: float,
+    habit: Habit | None = None,
 ) -> Reference:
     """The fastest motion of this kind that takes no more than a drawn share (40–70 %) of each joint's limits."""
     habit = habit or Habit()

@@ -63,7 +63,9 @@ def write(case: Case, folder: Path) -> CaseFiles:
     return CaseFiles(
         log=write_whole(folder / "log.csv", csv_text(case.log)),
         urdf=write_whole(folder / "rig.urdf", urdf_text(case.given)),
-        rig=write_whole(folder / "rig.yaml", yaml_text(case.given, case.encoder_bits, case.plan.trusted)),
+        rig=write_whole(
+            folder / "rig.yaml", yaml_text(case.given, case.encoder_bits, case.plan.trusted)
+        ),
     )
 
 

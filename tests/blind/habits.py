@@ -30,7 +30,9 @@ class Habit:
         once = x[: self.period].copy()
         place = np.arange(self.fade)[:, None] / self.fade
         soft = place**3 * (10.0 - 15.0 * place + 6.0 * place * place)
-        once[: self.fade] = soft * x[: self.fade] + (1.0 - soft) * x[self.period : self.period + self.fade]
+        once[: self.fade] = (
+            soft * x[: self.fade] + (1.0 - soft) * x[self.period : self.period + self.fade]
+        )
         return np.asarray(once[np.arange(len(x)) % self.period])
 
     def motion(self, q: Array) -> Array:

@@ -41,7 +41,10 @@ class Judged:
 def judge(truth: Json, diagnosis: Json) -> Judged:
     """Set aside findings of faults that the log truly has, and of what a form brings along besides its cause."""
     faults = set(truth["faults"])
-    besides = {(COMPANY.get((cause["cause"], cause.get("form", ""))), cause["joint"]) for cause in truth["causes"]}
+    besides = {
+        (COMPANY.get((cause["cause"], cause.get("form", ""))), cause["joint"])
+        for cause in truth["causes"]
+    }
     left = tuple(
         found
         for found in diagnosis["findings"]
@@ -73,7 +76,9 @@ def tells(finding: Json, cause: Json) -> bool:
 
 def near(finding: Json, cause: Json) -> bool:
     """The same, or a published cause that comes near one from outside."""
-    return tells(finding, cause) or (bool(names_of(finding) & set(cause["kin"])) and same_joint(finding, cause))
+    return tells(finding, cause) or (
+        bool(names_of(finding) & set(cause["kin"])) and same_joint(finding, cause)
+    )
 
 
 def visible(cause: Json, joint: str | None = None) -> bool:
@@ -131,7 +136,10 @@ def covered(case: Judged) -> list[bool]:
     """For each parameter of a rightly told cause in a known form: is the truth within 1.96 standard deviations?"""
     hits = []
     for cause in (item for item in case.causes if item["comparable"]):
-        found = next((f for f in case.findings if f["cause"] == cause["cause"] and same_joint(f, cause)), None)
+        found = next(
+            (f for f in case.findings if f["cause"] == cause["cause"] and same_joint(f, cause)),
+            None,
+        )
         for name, true in cause["parameters"].items() if found else ():
             usual = READINGS.get((cause["cause"], name), Reading(name))
             reading = PARTS.get((cause["cause"], cause.get("form", ""), name), usual)

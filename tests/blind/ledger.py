@@ -53,4 +53,6 @@ def settle(world: World, trace: Trace) -> Ledger:
     viscous = held(rig.viscous * trace.step_v)
     dry = held(baseline_dry(rig.coulomb, trace))
     effect = trace.command - rigid - viscous - dry
-    return Ledger(held(q), held(trace.step_v), held(trace.step_a), trace.command, rigid, viscous, dry, effect)
+    return Ledger(
+        held(q), held(trace.step_v), held(trace.step_a), trace.command, rigid, viscous, dry, effect
+    )

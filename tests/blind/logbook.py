@@ -31,7 +31,9 @@ def clean_channels(trace: Trace, encoder_q: Array, has_rate: bool) -> Channels:
     return Channels(encoder_q, trace.v if has_rate else None, trace.command)
 
 
-def noisy_channels(scene: Scene, trace: Trace, rng: np.random.Generator, silent_torque: bool) -> Channels:
+def noisy_channels(
+    scene: Scene, trace: Trace, rng: np.random.Generator, silent_torque: bool
+) -> Channels:
     """What these sensors showed; a torque that is a formula of the other channels has no noise of its own."""
     noise = torque_noise(rng, scene.sensors, trace.command, scene.rate)
     tau = trace.command if silent_torque else trace.command + noise
@@ -56,7 +58,11 @@ def imu(rig: Rig, t: Array, motion: BaseMotion | None) -> Columns:
     """Rate and specific force of the base link, in its own frame; at rest where there is no motion."""
     still = np.zeros((len(t), 3))
     gyro, force = motion.imu(t) if motion else (still, still - GRAVITY)
-    names = [(f"{kind}_{rig.base}_{axis}", i) for kind in ("gyro", "accel") for i, axis in enumerate("xyz")]
+    names = [
+        (f"{kind}_{rig.base}_{axis}", i)
+        for kind in ("gyro", "accel")
+        for i, axis in enumerate("xyz")
+    ]
     return {name: (gyro if name.startswith("gyro") else force)[:, i] for name, i in names}
 
 
@@ -69,11 +75,15 @@ def shaken(columns: Columns, rng: np.random.Generator, rate: float) -> Columns:
         if kind == "temp":
             noisy[name] = np.round(values + 0.1 * rng.normal(size=len(values)), 1)
         else:
-            noisy[name] = values + density[kind] * np.sqrt(rate / 2.0) * rng.normal(size=len(values))
+            noisy[name] = values + density[kind] * np.sqrt(rate / 2.0) * rng.normal(
+                size=len(values)
+            )
     return noisy
 
 
-def write_columns(scene: Scene, shown: Channels, extra: Columns, reference: bool, rng: np.random.Generator) -> Columns:
+def write_columns(
+    scene: Scene, shown: Channels, extra: Columns, reference: bool, rng: np.random.Generator
+) -> Columns:
     """The log as it is written: stamped, with rows lost, with the reference if asked for (else in every other
     log), and with each row's sample in column ROW."""
     rig = scene.rig

@@ -56,19 +56,25 @@ def _pose(rotation: Array, position: Array) -> str:
 
 def _inertial(inertia: Inertia) -> str:
     tensor = inertia.tensor
-    full = np.array([tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]])
+    full = np.array(
+        [tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]]
+    )
     return f'<inertial pos="{_numbers(inertia.com)}" mass="{inertia.mass:.17g}" fullinertia="{_numbers(full)}"/>'
 
 
 def _joint(name: str, kind: str, axis: Array, armature: float = 0.0) -> str:
-    return f'<joint name="{name}" type="{kind}" axis="{_numbers(axis)}" armature="{armature:.17g}"/>'
+    return (
+        f'<joint name="{name}" type="{kind}" axis="{_numbers(axis)}" armature="{armature:.17g}"/>'
+    )
 
 
 def _dangling(appendages: tuple[Appendage, ...], parent: int) -> str:
     parts = []
     for item in (a for a in appendages if a.parent == parent):
         joints = "".join(_joint(hinge.name, hinge.kind, hinge.axis) for hinge in item.hinges)
-        parts.append(f"<body {_pose(item.rotation, item.position)}>{joints}{_inertial(item.inertia)}</body>")
+        parts.append(
+            f"<body {_pose(item.rotation, item.position)}>{joints}{_inertial(item.inertia)}</body>"
+        )
     return "".join(parts)
 
 
@@ -80,7 +86,9 @@ def _chain(rig: Rig, appendages: tuple[Appendage, ...]) -> str:
         link = rig.links[i]
         joint = _joint(link.joint, "hinge", link.axis, rig.armature[i])
         own = joint + _inertial(link.inertia) + _dangling(appendages, i)
-        inner = f'<body name="{link.name}" {_pose(link.rotation, link.position)}>{own}{inner}</body>'
+        inner = (
+            f'<body name="{link.name}" {_pose(link.rotation, link.position)}>{own}{inner}</body>'
+        )
     return _dangling(appendages, -1) + inner
 
 
@@ -91,7 +99,9 @@ def _base_joints(base: Base) -> str:
     return "".join(_joint(n, k, axes[n], armature) for n, k in zip(BASE_DOFS, kinds, strict=True))
 
 
-def build(rig: Rig, appendages: tuple[Appendage, ...], base: Base, base_inertia: Inertia) -> mujoco.MjModel:
+def build(
+    rig: Rig, appendages: tuple[Appendage, ...], base: Base, base_inertia: Inertia
+) -> mujoco.MjModel:
     """Compile the plant; contacts and limits are off, every other force comes from the loop."""
     body = _chain(rig, appendages)
     if base is not Base.FIXED:

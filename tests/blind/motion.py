@@ -50,7 +50,9 @@ class BaseMotion:
         cr = np.cos(roll)
         sp = np.sin(pitch)
         cp = np.cos(pitch)
-        gyro = np.stack([droll - sp * dyaw, cr * dpitch + sr * cp * dyaw, cr * cp * dyaw - sr * dpitch], axis=1)
+        gyro = np.stack(
+            [droll - sp * dyaw, cr * dpitch + sr * cp * dyaw, cr * cp * dyaw - sr * dpitch], axis=1
+        )
         return gyro, np.einsum("tji,tj->ti", _attitude(yaw, pitch, roll), second[:, :3] - GRAVITY)
 
 
@@ -77,18 +79,30 @@ def _attitude(yaw: Array, pitch: Array, roll: Array) -> Array:
     return np.array(rows).transpose(2, 0, 1)
 
 
-def _band(rng: np.random.Generator, low: float, high: float, count: int, rms: float) -> tuple[Array, Array, Array]:
+def _band(
+    rng: np.random.Generator, low: float, high: float, count: int, rms: float
+) -> tuple[Array, Array, Array]:
     """`count` sines in a band of Hz, log-uniform, with this rms together: amplitude, ω, phase (3, count)."""
     omega = 2.0 * np.pi * np.exp(rng.uniform(np.log(low), np.log(high), (3, count)))
-    return np.full((3, count), rms * np.sqrt(2.0 / count)), omega, rng.uniform(-np.pi, np.pi, (3, count))
+    return (
+        np.full((3, count), rms * np.sqrt(2.0 / count)),
+        omega,
+        rng.uniform(-np.pi, np.pi, (3, count)),
+    )
 
 
-def _joined(travel: list[tuple[Array, Array, Array]], attitude: list[tuple[Array, Array, Array]]) -> BaseMotion:
+def _joined(
+    travel: list[tuple[Array, Array, Array]], attitude: list[tuple[Array, Array, Array]]
+) -> BaseMotion:
     """Bands of acceleration (m/s²) and of attitude (rad) as one motion."""
     meters = [(a / w**2, w, p) for a, w, p in travel]
-    upper, lower = ([np.hstack(parts) for parts in zip(*bands, strict=True)] for bands in (meters, attitude))
+    upper, lower = (
+        [np.hstack(parts) for parts in zip(*bands, strict=True)] for bands in (meters, attitude)
+    )
     width = max(upper[0].shape[1], lower[0].shape[1])
-    padded = [np.vstack([_pad(x, width), _pad(y, width)]) for x, y in zip(upper, lower, strict=True)]
+    padded = [
+        np.vstack([_pad(x, width), _pad(y, width)]) for x, y in zip(upper, lower, strict=True)
+    ]
     return BaseMotion(*padded)
 
 
@@ -98,14 +112,23 @@ def _pad(x: Array, width: int) -> Array:
 
 def profile_s(rng: np.random.Generator, size: float) -> BaseMotion:
     """5° at 0.2–1 Hz and 0.3° at 4–12 Hz of attitude, 1 m/s² at 0.2–2 Hz, rms per axis, all times `size`."""
-    attitude = [_band(rng, 0.2, 1.0, 20, np.radians(5.0) * size), _band(rng, 4.0, 12.0, 40, np.radians(0.3) * size)]
+    attitude = [
+        _band(rng, 0.2, 1.0, 20, np.radians(5.0) * size),
+        _band(rng, 4.0, 12.0, 40, np.radians(0.3) * size),
+    ]
     return _joined([_band(rng, 0.2, 2.0, 20, size)], attitude)
 
 
 def handheld(rng: np.random.Generator, size: float) -> BaseMotion:
     """A walk: lines at a step rate near 1.8 Hz and its multiples, above a slow sway."""
     step = rng.uniform(1.5, 2.1)
-    lines = [_band(rng, 0.99 * step * k, 1.01 * step * k, 2, size * rms) for k, rms in ((1, 1.5), (2, 0.8), (3, 0.3))]
+    lines = [
+        _band(rng, 0.99 * step * k, 1.01 * step * k, 2, size * rms)
+        for k, rms in ((1, 1.5), (2, 0.8), (3, 0.3))
+    ]
     sway = [_band(rng, 0.1, 0.6, 12, np.radians(4.0) * size)]
-    shake = [_band(rng, 0.99 * step * k, 1.01 * step * k, 2, np.radians(rms) * size) for k, rms in ((1, 1.0), (2, 0.6))]
+    shake = [
+        _band(rng, 0.99 * step * k, 1.01 * step * k, 2, np.radians(rms) * size)
+        for k, rms in ((1, 1.0), (2, 0.6))
+    ]
     return _joined(lines, sway + shake)

@@ -58,10 +58,14 @@ def _turning_reference(
     return reference
 
 
-def _friction_forward(plan: DrivePlan, rig: Rig, reference: Reference, rng: np.random.Generator) -> Array:
+def _friction_forward(
+    plan: DrivePlan, rig: Rig, reference: Reference, rng: np.random.Generator
+) -> Array:
     """What the controller adds against friction, N m (N, n): always on arms, whose loops are soft, else at times."""
     share = float(rng.uniform(0.6, 0.95)) if plan.arm or rng.random() < 0.4 else 0.0
-    return np.asarray(share * (rig.coulomb * np.tanh(reference.dq / CREEP) + rig.viscous * reference.dq))
+    return np.asarray(
+        share * (rig.coulomb * np.tanh(reference.dq / CREEP) + rig.viscous * reference.dq)
+    )
 
 
 def stage(plan: DrivePlan, full: Rig, streams: Streams) -> tuple[Rig, Scene]:
@@ -83,7 +87,11 @@ def stage(plan: DrivePlan, full: Rig, streams: Streams) -> tuple[Rig, Scene]:
         place = turning - int(gone and idle < turning)
         reference = _turning_reference(plan, rig, place, rate, held, int(rng.integers(2**31)))
     else:
-        habit = replace(repeated(samples, plan.repeats, rate), held=held) if plan.repeats > 1 else Habit(held=held)
+        habit = (
+            replace(repeated(samples, plan.repeats, rate), held=held)
+            if plan.repeats > 1
+            else Habit(held=held)
+        )
         reference = draw_reference(rng, rig, plan.excitation, samples / rate, rate, habit)
     gains = draw_soft_gains(streams["control"], rig, reference, held)
     forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, gains)

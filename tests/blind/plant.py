@@ -64,7 +64,9 @@ class Stepper:
         self.each = tuple(range(world.dofs))
         self.coulomb = [float(x) for x in world.rig.coulomb]
         self.viscous = [float(x) for x in world.rig.viscous]
-        self.drives, self.forces, self.grips = (world.laws(kind) for kind in ("drive", "force", "grip"))
+        self.drives, self.forces, self.grips = (
+            world.laws(kind) for kind in ("drive", "force", "grip")
+        )
         self._qpos = world.data.qpos
         self._qvel = world.data.qvel
         self._bias = np.zeros(world.dofs)
@@ -137,7 +139,11 @@ class Stepper:
 
 
 def simulate(
-    world: World, controller: Controller, start: tuple[list[float], list[float]], samples: int, substeps: int
+    world: World,
+    controller: Controller,
+    start: tuple[list[float], list[float]],
+    samples: int,
+    substeps: int,
 ) -> Trace:
     """Run `samples` samples of `substeps` steps each; the command of a sample is held until the next.
 
@@ -158,7 +164,9 @@ def simulate(
             channels = (stepper.state.q, stepper.state.v, stepper.a, stepper.v, stepper.dry)
             steps.write([*(values[d] for values in channels for d in dofs), *stepper.state.bristle])
         if not all(abs(x) < RUNAWAY for x in stepper.v):  # also where a speed is not a number
-            raise PlantDivergedError(f"speed {max(map(abs, stepper.v)):.3g} rad/s after {stepper.time:.3f} s")
+            raise PlantDivergedError(
+                f"speed {max(map(abs, stepper.v)):.3g} rad/s after {stepper.time:.3f} s"
+            )
     t = np.asarray(np.arange(samples) * world.dt * substeps, dtype=np.float64)
     return Trace(t, *rows.columns(), *steps.columns())
 

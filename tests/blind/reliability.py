@@ -93,7 +93,9 @@ def claims(case: Judged) -> list[Claim]:
 
 def _is_listed(case: Judged, cause: Json) -> bool:
     names = frozenset({"unknown"}) if cause["outside"] else alike(cause["cause"])
-    return any(said["cause"] in names and same_joint(said, cause) for said in case.diagnosis["causes"])
+    return any(
+        said["cause"] in names and same_joint(said, cause) for said in case.diagnosis["causes"]
+    )
 
 
 def measure(cases: Iterable[Judged]) -> Reliability:
@@ -105,16 +107,22 @@ def measure(cases: Iterable[Judged]) -> Reliability:
     stated = [case for case in cases if "causes" in case.diagnosis and case.truth["data"] is None]
     every = [claim for case in stated for claim in claims(case)]
     if not every:
-        raise ValueError("no diagnosis states a probability that can be judged: diagnose the logs again")
+        raise ValueError(
+            "no diagnosis states a probability that can be judged: diagnose the logs again"
+        )
     edges = np.linspace(0.0, 1.0, BINS + 1)
-    rows = np.minimum((np.array([claim.probability for claim in every]) * BINS).astype(int), BINS - 1)
+    rows = np.minimum(
+        (np.array([claim.probability for claim in every]) * BINS).astype(int), BINS - 1
+    )
     bins = []
     for k, (low, high) in enumerate(pairwise(edges)):
         inside = [claim for claim, row in zip(every, rows, strict=True) if row == k]
         if inside:
             mean = float(np.mean([claim.probability for claim in inside]))
             right = sum(claim.right for claim in inside)
-            bins.append(Bin(float(low), float(high), len(inside), mean, right, wilson(right, len(inside))))
+            bins.append(
+                Bin(float(low), float(high), len(inside), mean, right, wilson(right, len(inside)))
+            )
     error = sum(each.count * abs(each.share - each.mean) for each in bins) / len(every)
     seen = [(case, cause) for case in stated for cause in case.causes if visible(cause)]
     return Reliability(tuple(bins), error, len(seen), sum(not _is_listed(*one) for one in seen))
@@ -125,7 +133,15 @@ def as_figures(found: Reliability) -> list[Figure]:
     sure = [each for each in found.bins if each.low >= 0.5]
     right = sum(each.right for each in sure)
     count = sum(each.count for each in sure)
-    error = Figure("expected calibration error, ten bins", found.error, 0.0, 1.0, found.count, (0.0, 0.05), (0.0, 0.02))
+    error = Figure(
+        "expected calibration error, ten bins",
+        found.error,
+        0.0,
+        1.0,
+        found.count,
+        (0.0, 0.05),
+        (0.0, 0.02),
+    )
     share = right / count if count else None
     return [
         error,
@@ -154,16 +170,39 @@ def chart(found: Reliability) -> Picture:
     mean = np.array([each.mean for each in found.bins])
     share = np.array([each.share for each in found.bins])
     bounds = np.array([each.bounds for each in found.bins]).T
-    above.plot([0.0, 1.0], [0.0, 1.0], color="0.6", linestyle="--", linewidth=1.0, label="calibrated")
-    above.errorbar(
-        mean, share, np.abs(bounds - share), color="C0", marker="o", capsize=3, label="measured, 95 % bounds"
+    above.plot(
+        [0.0, 1.0], [0.0, 1.0], color="0.6", linestyle="--", linewidth=1.0, label="calibrated"
     )
-    above.set(ylabel="share that is right", xlim=(0.0, 1.0), ylim=(-0.02, 1.22), yticks=np.linspace(0, 1, 6))
-    above.set_title(f"{found.count} stated probabilities, calibration error {found.error:.3f}", fontsize="medium")
+    above.errorbar(
+        mean,
+        share,
+        np.abs(bounds - share),
+        color="C0",
+        marker="o",
+        capsize=3,
+        label="measured, 95 % bounds",
+    )
+    above.set(
+        ylabel="share that is right",
+        xlim=(0.0, 1.0),
+        ylim=(-0.02, 1.22),
+        yticks=np.linspace(0, 1, 6),
+    )
+    above.set_title(
+        f"{found.count} stated probabilities, calibration error {found.error:.3f}",
+        fontsize="medium",
+    )
     above.legend(loc="upper center", ncols=2, frameon=False)
     lows = [each.low for each in found.bins]
     widths = [each.high - each.low for each in found.bins]
-    below.bar(lows, [each.count for each in found.bins], widths, align="edge", color="C0", edgecolor="white")
+    below.bar(
+        lows,
+        [each.count for each in found.bins],
+        widths,
+        align="edge",
+        color="C0",
+        edgecolor="white",
+    )
     below.set(xlabel="stated probability", ylabel="claims", yscale="log", ylim=(0.5, None))
     for axes in (above, below):
         axes.grid(color="0.9", linewidth=0.6)

@@ -13,13 +13,23 @@ X, Y, Z = EYE
 ORDERS: dict[int, tuple[tuple[str, ...], ...]] = {
     1: (("tilt",), ("roll",), ("pan",), ("swing",)),
     2: (("pan", "tilt"), ("roll", "tilt"), ("pan", "roll")),
-    3: (("pan", "roll", "tilt"), ("pan", "roll", "tilt"), ("pan", "tilt", "roll"), ("roll", "pan", "tilt")),
+    3: (
+        ("pan", "roll", "tilt"),
+        ("pan", "roll", "tilt"),
+        ("pan", "tilt", "roll"),
+        ("roll", "pan", "tilt"),
+    ),
 }
 AXES: dict[str, Array] = {"pan": Z, "roll": X, "tilt": Y, "swing": Y}
 JOINT_NAMES: tuple[dict[str, str], ...] = (
     {"pan": "yaw", "roll": "roll", "tilt": "tilt", "swing": "tilt"},
     {"pan": "pan", "roll": "roll", "tilt": "pitch", "swing": "pitch"},
-    {"pan": "azimuth_joint", "roll": "bank_joint", "tilt": "elevation_joint", "swing": "swing_joint"},
+    {
+        "pan": "azimuth_joint",
+        "roll": "bank_joint",
+        "tilt": "elevation_joint",
+        "swing": "swing_joint",
+    },
     {"pan": "j_z", "roll": "j_x", "tilt": "j_y", "swing": "j_y"},
 )
 LINK_NAMES: tuple[tuple[str, ...], ...] = (
@@ -63,7 +73,9 @@ def _travel(rng: np.random.Generator, kind: str) -> float:
     return float(rng.uniform(2.0, 3.1) if kind == "pan" else rng.uniform(0.7, 1.5))
 
 
-def _links(rng: np.random.Generator, kinds: tuple[str, ...], mass: float, edge: float, reach: float) -> list[Link]:
+def _links(
+    rng: np.random.Generator, kinds: tuple[str, ...], mass: float, edge: float, reach: float
+) -> list[Link]:
     """The chain; frames are either all parallel or have their own z along the axis, as URDFs in the wild do."""
     joints = JOINT_NAMES[rng.integers(len(JOINT_NAMES))]
     names = LINK_NAMES[rng.integers(len(LINK_NAMES))]
@@ -73,13 +85,28 @@ def _links(rng: np.random.Generator, kinds: tuple[str, ...], mass: float, edge: 
     for i, kind in enumerate(kinds):
         direction = AXES[kind] * rng.choice([-1.0, 1.0])
         frame = frame_of(direction, rng) if own_frames else EYE
-        inertia = _box(rng, mass * rng.uniform(0.2, 0.5), edge * rng.uniform(1.0, 1.6), edge * rng.uniform(0.02, 0.12))
+        inertia = _box(
+            rng,
+            mass * rng.uniform(0.2, 0.5),
+            edge * rng.uniform(1.0, 1.6),
+            edge * rng.uniform(0.02, 0.12),
+        )
         position = Z * edge if i == 0 else reach * rng.uniform(-1.0, 1.0, 3)
         span = _travel(rng, kind)
         endless = kind == "pan" and i == 0 and rng.random() < 0.3
         axis = frame.T @ direction
         links.append(
-            Link(names[i + 1], joints[kind], world.T @ frame, world.T @ position, axis, inertia, -span, span, endless)
+            Link(
+                names[i + 1],
+                joints[kind],
+                world.T @ frame,
+                world.T @ position,
+                axis,
+                inertia,
+                -span,
+                span,
+                endless,
+            )
         )
         world = frame
     return links
@@ -103,7 +130,9 @@ def draw_rig(rng: np.random.Generator, axes: int) -> Rig:
     links = _links(rng, kinds, mass, edge, 0.0 if concentric else edge * rng.uniform(0.1, 0.35))
     arm = rng.uniform(0.6, 1.2) * edge if kinds[-1] == "swing" else rng.uniform(0.002, 0.012)
     names = next(row for row in LINK_NAMES if row[1] == links[0].name)
-    payload = Payload(names[-1], f"{names[-1]}_mount", tilted(rng, 10.0), np.zeros(3), _box(rng, mass, edge, arm))
+    payload = Payload(
+        names[-1], f"{names[-1]}_mount", tilted(rng, 10.0), np.zeros(3), _box(rng, mass, edge, arm)
+    )
     rig = Rig(
         name=f"{'_'.join(kinds)}_{tau_max:.1f}".replace(".", "p"),
         base=names[0],
@@ -122,7 +151,9 @@ def strong_enough(rng: np.random.Generator, rig: Rig) -> Rig:
     q = spans * rng.uniform(-1.0, 1.0, (200, len(spans)))
     gravity = np.abs(inverse_dynamics(rig, q, 0.0 * q, 0.0 * q)).max(axis=0)
     for joint, (motor, load) in enumerate(zip(rig.motors, gravity, strict=True)):
-        rig = rig.with_motor(joint, replace(motor, tau_max=round(max(motor.tau_max, 3.5 * float(load)), 3)))
+        rig = rig.with_motor(
+            joint, replace(motor, tau_max=round(max(motor.tau_max, 3.5 * float(load)), 3))
+        )
     return rig
 
 
@@ -131,12 +162,16 @@ def _perturbed(rng: np.random.Generator, inertia: Inertia, spread: float) -> Ine
     stretch = EYE + 0.5 * spread * rng.uniform(-1.0, 1.0, (3, 3))
     second = 0.5 * np.trace(inertia.tensor) * EYE - inertia.tensor
     second = stretch @ second @ stretch.T
-    com = inertia.com * (1.0 + spread * rng.uniform(-1.0, 1.0, 3)) + 0.01 * spread * rng.normal(size=3)
+    com = inertia.com * (1.0 + spread * rng.uniform(-1.0, 1.0, 3)) + 0.01 * spread * rng.normal(
+        size=3
+    )
     mass = inertia.mass * (1.0 + spread * rng.uniform(-1.0, 1.0))
     return Inertia(mass, com, np.trace(second) * EYE - second)
 
 
 def nominal(rng: np.random.Generator, rig: Rig, spread: float) -> Rig:
     """The rig as its URDF has it: geometry right, rigid parameters off by up to `spread` (0–0.2)."""
-    links = tuple(replace(link, inertia=_perturbed(rng, link.inertia, spread)) for link in rig.links)
+    links = tuple(
+        replace(link, inertia=_perturbed(rng, link.inertia, spread)) for link in rig.links
+    )
     return replace(rig, links=links).with_payload(_perturbed(rng, rig.payload.inertia, spread))

@@ -21,7 +21,9 @@ class Inertia:
 
     def seen_from(self, rotation: Array, position: Array) -> Inertia:
         """The same body in the frame in which its present frame stands at `position`, turned by `rotation`."""
-        return Inertia(self.mass, rotation @ self.com + position, rotation @ self.tensor @ rotation.T)
+        return Inertia(
+            self.mass, rotation @ self.com + position, rotation @ self.tensor @ rotation.T
+        )
 
     def about_origin(self) -> Array:
         """I_o = I_c + m (cᵀc 1 - c cᵀ), kg m², (3, 3)."""
@@ -32,7 +34,11 @@ class Inertia:
         """Both bodies as one rigid body."""
         mass = self.mass + other.mass
         com = (self.mass * self.com + other.mass * other.com) / mass
-        tensor = self.about_origin() + other.about_origin() - mass * (com @ com * EYE - np.outer(com, com))
+        tensor = (
+            self.about_origin()
+            + other.about_origin()
+            - mass * (com @ com * EYE - np.outer(com, com))
+        )
         return Inertia(mass, com, tensor)
 
     def vector(self) -> Array:

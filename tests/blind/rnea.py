@@ -39,9 +39,15 @@ def motion(rig: Rig, q: Array, v: Array, a: Array, gravity: Array = GRAVITY) -> 
     chain = []
     for i, link in enumerate(rig.links):
         turn = _turns(link.axis, link.rotation, q[:, i])
-        carried = linear + np.cross(angular, link.position) + np.cross(rate, np.cross(rate, link.position))
+        carried = (
+            linear
+            + np.cross(angular, link.position)
+            + np.cross(rate, np.cross(rate, link.position))
+        )
         inward = turn.transpose(0, 2, 1)
-        rate, angular, linear = (np.einsum("tij,tj->ti", inward, x) for x in (rate, angular, carried))
+        rate, angular, linear = (
+            np.einsum("tij,tj->ti", inward, x) for x in (rate, angular, carried)
+        )
         spin = v[:, i, None] * link.axis
         angular = angular + a[:, i, None] * link.axis + np.cross(rate, spin)
         rate = rate + spin
@@ -56,8 +62,16 @@ def _wrench(body: LinkMotion, theta: Array) -> tuple[Array, Array]:
     tensor = np.zeros((3, 3))
     tensor[np.triu_indices(3)] = theta[4:]
     tensor = tensor + np.triu(tensor, 1).T
-    force = mass * body.linear + np.cross(body.angular, lever) + np.cross(body.rate, np.cross(body.rate, lever))
-    moment = body.angular @ tensor + np.cross(body.rate, body.rate @ tensor) + np.cross(lever, body.linear)
+    force = (
+        mass * body.linear
+        + np.cross(body.angular, lever)
+        + np.cross(body.rate, np.cross(body.rate, lever))
+    )
+    moment = (
+        body.angular @ tensor
+        + np.cross(body.rate, body.rate @ tensor)
+        + np.cross(lever, body.linear)
+    )
     return force, moment
 
 
@@ -81,7 +95,9 @@ def inverse_dynamics(rig: Rig, q: Array, v: Array, a: Array, gravity: Array = GR
     """τ = M(q) a + C(q, v) v + g(q), rigid bodies only: (T, n), N m."""
     thetas = np.array([body.vector() for body in rig.bodies])
     pieces = [slice(k, k + CHUNK) for k in range(0, len(q), CHUNK)]
-    return np.concatenate([torque(rig, motion(rig, q[p], v[p], a[p], gravity), thetas) for p in pieces])
+    return np.concatenate(
+        [torque(rig, motion(rig, q[p], v[p], a[p], gravity), thetas) for p in pieces]
+    )
 
 
 def regressor(rig: Rig, q: Array, v: Array, a: Array) -> Array:

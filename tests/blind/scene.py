@@ -65,7 +65,11 @@ class Scene:
         q = self.reference.q[few]
         dq = self.reference.dq[few]
         ddq = self.reference.ddq[few]
-        tau = inverse_dynamics(self.rig, q, dq, ddq) + self.rig.coulomb * np.tanh(dq / 0.01) + self.rig.viscous * dq
+        tau = (
+            inverse_dynamics(self.rig, q, dq, ddq)
+            + self.rig.coulomb * np.tanh(dq / 0.01)
+            + self.rig.viscous * dq
+        )
         return Context(
             rig=self.rig,
             joint=joint,
@@ -84,10 +88,14 @@ class Scene:
         return np.sqrt(np.mean(inverse_dynamics(self.rig, q, 0.0 * q, 0.0 * q) ** 2, axis=0))
 
 
-def draw_scene(streams: dict[str, np.random.Generator], rig: Rig, sensors: Sensors, plan: Plan) -> Scene:
+def draw_scene(
+    streams: dict[str, np.random.Generator], rig: Rig, sensors: Sensors, plan: Plan
+) -> Scene:
     """A plan's scene by its random streams; where the torque is to be a formula there is no feed-forward."""
     reference = draw_reference(streams["motion"], rig, plan.excitation, plan.seconds, plan.rate)
     gains = draw_gains(streams["control"], rig, reference, not plan.formula)
     model = nominal(streams["control"], rig, 0.15)
     forward = np.zeros_like(reference.q) if plan.formula else feed_forward(model, reference, gains)
-    return Scene(rig, reference, gains, forward, sensors, plan.rate, int(streams["noise"].integers(2**31)))
+    return Scene(
+        rig, reference, gains, forward, sensors, plan.rate, int(streams["noise"].integers(2**31))
+    )

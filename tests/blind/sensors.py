@@ -85,7 +85,9 @@ def draw_sensors(rng: np.random.Generator, level: str, rate: float) -> Sensors:
 class Measurement:
     """(sample, true q, true v) → encoder and rate readings; its noise is drawn beforehand, the same for every run."""
 
-    def __init__(self, world: World, sensors: Sensors | None, samples: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self, world: World, sensors: Sensors | None, samples: int, rng: np.random.Generator
+    ) -> None:
         shape = (samples, world.joints)
         self.step = sensors.step if sensors else 0.0
         q_noise = rng.normal(size=shape)
@@ -99,7 +101,10 @@ class Measurement:
         self.shown = list(zip(world.offset, world.eccentric, strict=True))
 
     def __call__(self, k: int, q: list[float], v: list[float]) -> tuple[list[float], list[float]]:
-        angles = [x + o + a * sin(x + p) + e for x, (o, (a, p)), e in zip(q, self.shown, self.q_noise[k], strict=True)]
+        angles = [
+            x + o + a * sin(x + p) + e
+            for x, (o, (a, p)), e in zip(q, self.shown, self.q_noise[k], strict=True)
+        ]
         if self.step:
             angles = [self.step * round(x / self.step) for x in angles]
         return angles, [x + e for x, e in zip(v, self.v_noise[k], strict=True)]

@@ -59,7 +59,9 @@ def wilson(hits: float, count: int) -> Range:
     return max(centre - half, 0.0), min(centre + half, 1.0)
 
 
-def _share(name: str, scores: Iterable[float], must: Range | None = None, aim: Range | None = None) -> Figure:
+def _share(
+    name: str, scores: Iterable[float], must: Range | None = None, aim: Range | None = None
+) -> Figure:
     listed = [float(score) for score in scores]
     value = sum(listed) / len(listed) if listed else None
     return Figure(name, value, *wilson(sum(listed), len(listed)), len(listed), must, aim)
@@ -67,7 +69,9 @@ def _share(name: str, scores: Iterable[float], must: Range | None = None, aim: R
 
 def _gain(cases: Sequence[Judged]) -> Figure:
     """Median of the recovered gain over rightly told visible effects, bounds from the order statistics."""
-    gains = sorted(g for case in cases if first_right(case) and (g := gain_recovered(case)) is not None)
+    gains = sorted(
+        g for case in cases if first_right(case) and (g := gain_recovered(case)) is not None
+    )
     name = "held-out gain recovered (median)"
     must = (0.9, 1.1)
     aim = (0.99, 1.1)
@@ -99,7 +103,9 @@ def score(cases: Sequence[Judged]) -> list[Figure]:
     clean = of("clean")
     singles = of("single", seen=True)
     hidden = of("single") + of("pair")
-    known, foreign = ([c for c in singles if c.causes[0]["foreign"] is kind] for kind in (False, True))
+    known, foreign = (
+        [c for c in singles if c.causes[0]["foreign"] is kind] for kind in (False, True)
+    )
     drive_clean = [case for case in of("drive-clean") if case.verdict != "refused"]
     drive_single = of("drive-single", seen=True)
     old = [case for case in cases if case.stratum != "drive-single"]

@@ -81,7 +81,9 @@ def _data(plan: Plan, damage: Damage) -> Truth | None:
     }  # fmt: skip
 
 
-def _cause(run: Run, effect: Effect, hidden: Hidden, alone: tuple[World, Ledger] | None, blur: Blur) -> Truth:
+def _cause(
+    run: Run, effect: Effect, hidden: Hidden, alone: tuple[World, Ledger] | None, blur: Blur
+) -> Truth:
     """What is true of one effect; where several act, its size is that of a trial with it alone."""
     scene = run.scene
     rig = run.scene.rig

@@ -25,7 +25,14 @@ def _origin(rotation: Array, position: Array) -> str:
 
 def _link(name: str, inertia: Inertia) -> str:
     tensor = inertia.tensor
-    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    entries = {
+        "ixx": (0, 0),
+        "ixy": (0, 1),
+        "ixz": (0, 2),
+        "iyy": (1, 1),
+        "iyz": (1, 2),
+        "izz": (2, 2),
+    }
     moments = " ".join(f'{key}="{tensor[at]:.12g}"' for key, at in entries.items())
     return (
         f'  <link name="{name}">\n    <inertial>\n      <origin xyz="{_numbers(inertia.com)}" rpy="0 0 0"/>\n'
@@ -61,7 +68,9 @@ def urdf_text(rig: Rig) -> str:
 def yaml_text(rig: Rig, encoder_bits: int, trusted: bool) -> str:
     """The YAML beside the URDF: motors and limits, and whether the URDF's inertias are to be trusted."""
     lines = ["urdf: rig.urdf", *(["inertia: trusted"] if trusted else []), "motors:"]
-    moving = [(link, motor) for link, motor in zip(rig.links, rig.motors, strict=True) if not link.fixed]
+    moving = [
+        (link, motor) for link, motor in zip(rig.links, rig.motors, strict=True) if not link.fixed
+    ]
     for link, motor in moving:
         lines.append(
             f"  {link.joint}: {{torque_constant: {motor.torque_constant:.6g}, tau_max: {motor.tau_max:.6g}, "
@@ -70,5 +79,7 @@ def yaml_text(rig: Rig, encoder_bits: int, trusted: bool) -> str:
     lines.append("limits:")
     for link, motor in moving:
         travel = "" if link.continuous else f"lower: {link.lower:.6g}, upper: {link.upper:.6g}, "
-        lines.append(f"  {link.joint}: {{{travel}velocity: {rig.velocity_limit:.6g}, effort: {motor.tau_max:.6g}}}")
+        lines.append(
+            f"  {link.joint}: {{{travel}velocity: {rig.velocity_limit:.6g}, effort: {motor.tau_max:.6g}}}"
+        )
     return "\n".join(lines) + "\n"

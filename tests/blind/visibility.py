@@ -38,7 +38,9 @@ def grid_rate(rate: float) -> float:
 
 def smooth(x: Array, rate: float) -> Array:
     """Zero-phase third-order low-pass at CUTOFF_HZ, on the coarse grid."""
-    return np.asarray(sosfiltfilt(butter(3, CUTOFF_HZ, fs=grid_rate(rate), output="sos"), x, axis=0))
+    return np.asarray(
+        sosfiltfilt(butter(3, CUTOFF_HZ, fs=grid_rate(rate), output="sos"), x, axis=0)
+    )
 
 
 def inner(x: Array, rate: float) -> Array:

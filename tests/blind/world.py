@@ -18,12 +18,26 @@ class State:
     """The plant in the middle of one step; lists of floats, for speed. Laws write `u`, `force`, `plus`, `minus`;
     what friction they put into `force` themselves they tell in `bristle`, joint by joint."""
 
-    __slots__ = ("bristle", "command", "dt", "force", "gravity", "minus", "plus", "q", "t", "u", "v")
+    __slots__ = (
+        "bristle",
+        "command",
+        "dt",
+        "force",
+        "gravity",
+        "minus",
+        "plus",
+        "q",
+        "t",
+        "u",
+        "v",
+    )
 
     def __init__(self, dt: float, joints: int, dofs: int) -> None:
         self.t, self.dt = 0.0, dt
         self.q, self.v, self.force, self.gravity = ([0.0] * dofs for _ in range(4))
-        self.command, self.u, self.plus, self.minus, self.bristle = ([0.0] * joints for _ in range(5))
+        self.command, self.u, self.plus, self.minus, self.bristle = (
+            [0.0] * joints for _ in range(5)
+        )
 
 
 class World:

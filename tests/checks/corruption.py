@@ -32,7 +32,12 @@ def plant_clock(
 
 
 def plant_stuck_channel(
-    log: Log, rng: np.random.Generator, *, channel: str = "tau", seconds: float = 1.5, rail: float | None = None
+    log: Log,
+    rng: np.random.Generator,
+    *,
+    channel: str = "tau",
+    seconds: float = 1.5,
+    rail: float | None = None,
 ) -> Log:
     """Hold one channel of one joint for some seconds while it is lively, or clip it at a quantile of its size."""
     values = np.array(getattr(log, channel))
@@ -70,12 +75,16 @@ def plant_outliers(
         values[begin : begin + length, j] += 0.25 * spread * rng.standard_normal(length)
     else:
         hit = rng.choice(n, max(1, round(share * n)), replace=False)
-        values[hit, j] += spread * rng.choice([-1.0, 1.0], len(hit)) * rng.uniform(0.5, 1.5, len(hit))
+        values[hit, j] += (
+            spread * rng.choice([-1.0, 1.0], len(hit)) * rng.uniform(0.5, 1.5, len(hit))
+        )
     changes: dict[str, Any] = {channel: values}
     return replace(log, **changes)
 
 
-def plant_controller_formula(log: Log, rng: np.random.Generator, *, delay: int = 2, noise: float = 0.01) -> Log:
+def plant_controller_formula(
+    log: Log, rng: np.random.Generator, *, delay: int = 2, noise: float = 0.01
+) -> Log:
     """Replace the torque by a speed loop's answer to the rate, with so large a share of a current sensor's noise."""
     assert log.tau is not None
     v = np.gradient(log.q, log.t, axis=0) if log.v is None else log.v
@@ -85,7 +94,9 @@ def plant_controller_formula(log: Log, rng: np.random.Generator, *, delay: int =
     return replace(log, tau=answer + noise * size * rng.standard_normal(v.shape))
 
 
-def plant_filtered_velocity(log: Log, rng: np.random.Generator, *, corner: float = 8.0, order: int = 1) -> Log:
+def plant_filtered_velocity(
+    log: Log, rng: np.random.Generator, *, corner: float = 8.0, order: int = 1
+) -> Log:
     """Replace the rate by the angle's differences behind a causal Butterworth low-pass."""
     raw = np.diff(log.q, axis=0, prepend=log.q[:1]) / log.dt
     sections = butter(order, min(corner * log.dt, 0.45), fs=1.0, output="sos")
@@ -96,10 +107,16 @@ def plant_commanded_torque(log: Log, rng: np.random.Generator, *, damping: float
     """Replace the torque by a servo's law of the reference and the angle, and of the rate where there is one."""
     assert log.tau is not None and log.q_ref is not None
     pull = log.q_ref - log.q - (0.0 if log.v is None else damping * log.v)
-    return replace(log, tau=pull * np.sqrt(np.mean(log.tau**2, axis=0) / np.maximum(np.mean(pull**2, axis=0), 1e-300)))
+    return replace(
+        log,
+        tau=pull
+        * np.sqrt(np.mean(log.tau**2, axis=0) / np.maximum(np.mean(pull**2, axis=0), 1e-300)),
+    )
 
 
-def plant_acceleration_noise(log: Log, rng: np.random.Generator, *, angle: float = 0.02, rate: float = 1.0) -> Log:
+def plant_acceleration_noise(
+    log: Log, rng: np.random.Generator, *, angle: float = 0.02, rate: float = 1.0
+) -> Log:
     """Add white noise to the angles, rad, and to the rates, rad/s."""
     q = log.q + angle * rng.standard_normal(log.q.shape)
     v = None if log.v is None else log.v + rate * rng.standard_normal(log.q.shape)

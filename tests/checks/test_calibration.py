@@ -30,18 +30,24 @@ def true_log(name: str, moving: bool = True, seconds: float = 10.0) -> Log:
     """A prescribed motion on profile S at half size, or on a base that stands, with exact IMUs."""
     rig = bundled(name)
     motion = fourier(rig, 0, seconds)
-    platform = profile_s(motion.t, np.random.default_rng(0), 0.5) if moving else Platform.still(motion.t)
+    platform = (
+        profile_s(motion.t, np.random.default_rng(0), 0.5) if moving else Platform.still(motion.t)
+    )
     tau = nominal(rig).inverse(motion.q, motion.v, motion.a, platform=platform)
     imus = compute_imu_readings(rig, rig.config.imus, motion.q, motion.v, motion.a, platform)
     return Log("log", rig.joints, motion.t, motion.q, motion.v, tau, imus=imus)
 
 
-def drawn(rig: Rig, rng: np.random.Generator, size: float = 0.035) -> dict[str, tuple[Array, Array]]:
+def drawn(
+    rig: Rig, rng: np.random.Generator, size: float = 0.035
+) -> dict[str, tuple[Array, Array]]:
     """Misalignments of some degrees and biases of half a degree a second."""
     return {link: (rng.normal(0, size, 3), rng.normal(0, 0.01, 3)) for link in rig.config.imus}
 
 
-def mounted(log: Log, rig: Rig, planted: Mapping[str, tuple[Array, Array]], rng: np.random.Generator) -> Log:
+def mounted(
+    log: Log, rig: Rig, planted: Mapping[str, tuple[Array, Array]], rng: np.random.Generator
+) -> Log:
     """The log as encoders of 16 bit and noisy IMUs that sit askew see it, without joint rates."""
     imus = {}
     for link, (turn, bias) in planted.items():
@@ -96,10 +102,13 @@ def test_identification_from_imus_that_sit_askew_is_as_good_as_from_ones_that_do
     rig = bundled("turret")
     rng = np.random.default_rng(3)
     log = mounted(true_log("turret"), rig, drawn(rig, rng), rng)
-    straight = mounted(true_log("turret"), rig, {link: (np.zeros(3), np.zeros(3)) for link in rig.config.imus}, rng)
+    straight = mounted(
+        true_log("turret"), rig, {link: (np.zeros(3), np.zeros(3)) for link in rig.config.imus}, rng
+    )
     base_alone = replace(log, imus={rig.base: log.imus[rig.base]})
     found, best, blind = (
-        identify(rig, [one], filtering=Filtering(alignment=0.0), holdout="none") for one in (log, straight, base_alone)
+        identify(rig, [one], filtering=Filtering(alignment=0.0), holdout="none")
+        for one in (log, straight, base_alone)
     )
     true = given_beta(rig, found.reduction)
     errors = [np.abs(one.estimate.theta[: len(true)] - true).max() for one in (found, best, blind)]
@@ -116,11 +125,17 @@ def test_a_gyro_of_another_motion_is_left_out_and_an_event_says_so() -> None:
     found = check_log(rig, broken)
     assert set(found.log.imus) == {"head", "cradle"}
     gone = [one for one in found.alterations if one.cause == "contradicting-gyro"]
-    assert [(one.kind, one.channel) for one in gone] == [("channel-left-out", f"{x}_spine") for x in ("gyro", "accel")]
-    told = identify(rig, [replace(broken, v=log.v)], filtering=Filtering(alignment=0.0), holdout="none")
+    assert [(one.kind, one.channel) for one in gone] == [
+        ("channel-left-out", f"{x}_spine") for x in ("gyro", "accel")
+    ]
+    told = identify(
+        rig, [replace(broken, v=log.v)], filtering=Filtering(alignment=0.0), holdout="none"
+    )
     assert gone[0] in told.altered["log"] and set(told.mountings["log"]) == {"head", "cradle"}
     assert found.log.v is not None
-    clear = np.abs(np.cos(log.q[:, 1])) > 0.3  # with the roll at a quarter turn the cradle's gyro alone hides a rate
+    clear = (
+        np.abs(np.cos(log.q[:, 1])) > 0.3
+    )  # with the roll at a quarter turn the cradle's gyro alone hides a rate
     assert np.abs(found.log.v - log.v)[clear].max() < 0.05
 
 

@@ -75,7 +75,11 @@ def figures(fault: Fault) -> dict[str, float]:
 def test_every_check_bears_a_name_of_the_contract() -> None:
     assert tuple(CHECKS) == tuple(CORRUPTIONS) == NAMES
     if CONTRACT.is_file():
-        row = next(line for line in CONTRACT.read_text(encoding="utf-8").splitlines() if line.startswith("| data |"))
+        row = next(
+            line
+            for line in CONTRACT.read_text(encoding="utf-8").splitlines()
+            if line.startswith("| data |")
+        )
         assert {*NAMES, "logs-disagree"} == {*re.findall(r"`([a-z-]+)`", row)}
 
 
@@ -87,7 +91,9 @@ def test_what_repairs_says_why() -> None:
 def test_a_fault_is_found_by_its_own_check_alone(turret: tuple[Rig, Log], planted: str) -> None:
     rig, log = turret
     bad = corrupted(log, planted)
-    assert [name for name, check in CHECKS.items() if check(rig, bad, FILTER) is not None] == [planted]
+    assert [name for name, check in CHECKS.items() if check(rig, bad, FILTER) is not None] == [
+        planted
+    ]
 
 
 SIZES: list[tuple[str, dict[str, Any]]] = [
@@ -105,7 +111,9 @@ SIZES: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(("planted", "size"), SIZES, ids=lambda x: x if isinstance(x, str) else "-".join(x))
+@pytest.mark.parametrize(
+    ("planted", "size"), SIZES, ids=lambda x: x if isinstance(x, str) else "-".join(x)
+)
 def test_faults_of_other_kinds_and_sizes_are_named_mended_where_they_are_and_mended_once(
     planted: str, size: dict[str, Any]
 ) -> None:
@@ -121,7 +129,9 @@ def test_faults_of_other_kinds_and_sizes_are_named_mended_where_they_are_and_men
     for prefix, channel in (("q", "q"), ("dq", "v"), ("tau", "tau")):
         if len(bad) == len(log) and planted in ("outliers", "stuck-channel"):
             for joint, wrong in zip(log.joints, (getattr(bad, channel) != getattr(log, channel)).T):
-                mine = [one for one in found.alterations if one.channel in ("", f"{prefix}_{joint}")]
+                mine = [
+                    one for one in found.alterations if one.channel in ("", f"{prefix}_{joint}")
+                ]
                 at = log.t[wrong]
                 assert not len(at) or any(one.first <= at[len(at) // 2] <= one.last for one in mine)
     again = check_log(rig, found.log) if found.alterations else found
@@ -141,13 +151,23 @@ def test_what_is_altered_is_what_differs(turret: tuple[Rig, Log]) -> None:
     hit = bad.q != spiked.log.q
     (j,) = np.flatnonzero(hit.any(axis=0))
     (one,) = spiked.alterations
-    assert (one.kind, one.channel, one.samples, one.unit) == ("changed", f"q_{rig.joints[j]}", hit.sum(), "rad")
-    assert one.size == pytest.approx(np.abs(bad.q - spiked.log.q).max()) and np.isin([one.first, one.last], log.t).all()
+    assert (one.kind, one.channel, one.samples, one.unit) == (
+        "changed",
+        f"q_{rig.joints[j]}",
+        hit.sum(),
+        "rad",
+    )
+    assert (
+        one.size == pytest.approx(np.abs(bad.q - spiked.log.q).max())
+        and np.isin([one.first, one.last], log.t).all()
+    )
     slow = check_log(rig, corrupted(log, "filtered-velocity"))
     assert slow.log.v is None and {one.kind for one in slow.alterations} == {"channel-left-out"}
     assert [one.channel for one in slow.alterations] == [f"dq_{joint}" for joint in rig.joints]
     stale = check_log(rig, bad := corrupted(log, "clock", jitter=0.0, stale=0.2))
-    assert [(one.kind, one.samples) for one in stale.alterations] == [("rows-left-out", len(bad) - len(stale.log))]
+    assert [(one.kind, one.samples) for one in stale.alterations] == [
+        ("rows-left-out", len(bad) - len(stale.log))
+    ]
 
 
 def test_verbs_list_what_they_alter(turret: tuple[Rig, Log], run: Run, tmp_path: Path) -> None:
@@ -158,7 +178,10 @@ def test_verbs_list_what_they_alter(turret: tuple[Rig, Log], run: Run, tmp_path:
     (fitted,) = result(run, "identify", rig.name, path)["altered"]
     assert (fitted["cause"], fitted["kind"], fitted["unit"]) == ("outliers", "changed", "rad")
     assert shown.items() <= fitted.items() and fitted["log"] == str(path)
-    assert f"altered: {path}: {fitted['channel']}: {fitted['samples']} samples" in run("identify", rig.name, path)[1]
+    assert (
+        f"altered: {path}: {fitted['channel']}: {fitted['samples']} samples"
+        in run("identify", rig.name, path)[1]
+    )
 
 
 @pytest.mark.parametrize("planted", ["outliers", "stuck-channel"])
@@ -200,10 +223,12 @@ DIRTY: dict[str, Callable[[Log, np.random.Generator], Log]] = {
     "as recorded": lambda log, rng: log,
     "no rate": lambda log, rng: replace(log, v=None),
     "slow colour": lambda log, rng: replace(log, tau=log.tau + coloured(log, 0.015, 3.0, rng)),
-    "fast colour, 250 Hz": lambda log, rng: replace(log, tau=log.tau + coloured(log, 0.015, 30.0, rng)).part(
-        slice(None, None, 4)
+    "fast colour, 250 Hz": lambda log, rng: replace(
+        log, tau=log.tau + coloured(log, 0.015, 30.0, rng)
+    ).part(slice(None, None, 4)),
+    "biased, noisy rate": lambda log, rng: replace(
+        log, v=log.v + 0.01 + 0.02 * rng.standard_normal(log.q.shape)
     ),
-    "biased, noisy rate": lambda log, rng: replace(log, v=log.v + 0.01 + 0.02 * rng.standard_normal(log.q.shape)),
     "some dirt in the clock": few_lost,
 }
 
@@ -217,7 +242,9 @@ def test_clean_logs_are_reliable_however_dirty_the_sensors(name: str, dirt: str)
 
 
 @pytest.mark.parametrize("name", BENCH)
-def test_a_servos_law_harms_nothing_within_the_motors_limit_and_is_clipped_beyond(name: str) -> None:
+def test_a_servos_law_harms_nothing_within_the_motors_limit_and_is_clipped_beyond(
+    name: str,
+) -> None:
     rig, log = bench(name)
     commanded = corrupted(log, "commanded-torque")
     found = CHECKS["commanded-torque"](rig, commanded, FILTER)
@@ -231,7 +258,9 @@ def test_a_servos_law_harms_nothing_within_the_motors_limit_and_is_clipped_beyon
 @pytest.mark.parametrize(("name", "corner"), [("turret", 2.0), ("thesis", 5.0), ("handheld", 20.0)])
 def test_a_torque_that_was_smoothed_off_line_is_not_commanded(name: str, corner: float) -> None:
     rig, log = bench(name)
-    smooth = replace(log, tau=signals.zero_phase(np.asarray(log.tau), signals.lowpass(corner, 1.0 / log.dt)))
+    smooth = replace(
+        log, tau=signals.zero_phase(np.asarray(log.tau), signals.lowpass(corner, 1.0 / log.dt))
+    )
     for q_ref in (log.q_ref, None):
         assert not check_log(rig, replace(smooth, q_ref=q_ref)).faults
 
@@ -242,7 +271,9 @@ def test_a_torque_that_was_smoothed_off_line_is_not_commanded(name: str, corner:
 @pytest.mark.parametrize(("corner", "order"), [(2.0, 1), (5.0, 1), (4.0, 2)])
 def test_the_corner_of_a_filtered_rate(corner: float, order: int) -> None:
     rig, log = bench("thesis")
-    found = CHECKS["filtered-velocity"](rig, corrupted(log, "filtered-velocity", corner=corner, order=order), FILTER)
+    found = CHECKS["filtered-velocity"](
+        rig, corrupted(log, "filtered-velocity", corner=corner, order=order), FILTER
+    )
     assert found is not None and found.repairs[-1].v is None
     seen = figures(found.fault)
     assert abs(seen["corner"] / corner - 1) < 0.15 and seen["order"] == order
@@ -257,13 +288,24 @@ def test_a_drive_that_filters_counts_of_its_own_is_seen_by_its_lag(turret: tuple
     assert found is not None and abs(figures(found.fault)["corner"] / 4.0 - 1) < 0.3
 
 
-def test_a_delayed_rate_is_not_a_filtered_one_and_is_moved_to_its_time(turret: tuple[Rig, Log]) -> None:
+def test_a_delayed_rate_is_not_a_filtered_one_and_is_moved_to_its_time(
+    turret: tuple[Rig, Log],
+) -> None:
     rig, log = turret
     late = replace(log.part(slice(3, None)), v=np.asarray(log.v)[:-3])
     found = CHECKS["filtered-velocity"](rig, late, FILTER)
-    assert found is not None and "low-pass" not in found.fault.sentence and "6 ms later" in found.fault.sentence
-    assert abs(figures(found.fault)["delay"] / (3 * log.dt) - 1) < 0.05 and "corner" not in figures(found.fault)
-    assert found.repairs[-1].v is not None and CHECKS["filtered-velocity"](rig, found.repairs[-1], FILTER) is None
+    assert (
+        found is not None
+        and "low-pass" not in found.fault.sentence
+        and "6 ms later" in found.fault.sentence
+    )
+    assert abs(figures(found.fault)["delay"] / (3 * log.dt) - 1) < 0.05 and "corner" not in figures(
+        found.fault
+    )
+    assert (
+        found.repairs[-1].v is not None
+        and CHECKS["filtered-velocity"](rig, found.repairs[-1], FILTER) is None
+    )
 
 
 def test_a_coarse_rate_that_repeats_itself_is_late_and_behind_no_low_pass() -> None:
@@ -275,7 +317,9 @@ def test_a_coarse_rate_that_repeats_itself_is_late_and_behind_no_low_pass() -> N
     for k in range(1, len(v), 2):
         v[k] = v[k - 1]
     found = CHECKS["filtered-velocity"](rig, replace(log.part(slice(8, None)), v=v), FILTER)
-    assert found is not None and "low-pass" not in found.fault.sentence + found.fault.next_experiment
+    assert (
+        found is not None and "low-pass" not in found.fault.sentence + found.fault.next_experiment
+    )
     assert figures(found.fault)["delay"] == pytest.approx(0.0225, abs=0.003)
 
 
@@ -341,8 +385,12 @@ def test_spikes_are_bridged(turret: tuple[Rig, Log]) -> None:
     assert np.array_equal(found.repairs[-1].q[~hit], log.q[~hit])
 
 
-@pytest.mark.parametrize(("share", "said"), [(0.0, "1 lone wild sample,"), (3e-4, "3 lone wild samples,")])
-def test_spikes_are_counted_in_words_that_agree(turret: tuple[Rig, Log], share: float, said: str) -> None:
+@pytest.mark.parametrize(
+    ("share", "said"), [(0.0, "1 lone wild sample,"), (3e-4, "3 lone wild samples,")]
+)
+def test_spikes_are_counted_in_words_that_agree(
+    turret: tuple[Rig, Log], share: float, said: str
+) -> None:
     rig, log = turret
     share = share * 1e4 / len(log)
     found = CHECKS["outliers"](rig, corrupted(log, "outliers", channel="q", share=share), FILTER)
@@ -410,11 +458,15 @@ def test_instruments_keep_what_least_squares_loses(reference: bool) -> None:
         assert found is not None and found.fault.makes_physics_unreliable
         plain = fit_weighted(list(build_design(rig, noisy, FILTER)))
         assert [parameter.name for parameter in found.fault.answer] == list(made.names)
-        answer, std = np.array([[parameter.value, parameter.std] for parameter in found.fault.answer]).T
+        answer, std = np.array(
+            [[parameter.value, parameter.std] for parameter in found.fault.answer]
+        ).T
         wrong = np.abs((plain.theta - clean.theta) / np.hypot(plain.std, clean.std)).max()
         right = np.abs((answer - clean.theta) / np.hypot(std, clean.std)).max()
         assert wrong > 3 and right < (2.5 if reference else 3.0)
-        errors.append([np.sqrt(np.mean((A @ (theta - clean.theta)) ** 2)) for theta in (answer, plain.theta)])
+        errors.append(
+            [np.sqrt(np.mean((A @ (theta - clean.theta)) ** 2)) for theta in (answer, plain.theta)]
+        )
     mine, plains = np.median(errors, axis=0)
     assert mine < (0.6 if reference else 1.0) * plains
 
@@ -453,7 +505,9 @@ def test_a_plants_own_torque_is_no_formula_and_a_speed_loops_is(name: str, speed
         q = motion.q
         v = motion.v * speed
         a = motion.a * speed**2
-        if seed == 2:  # one sine: there the acceleration is a multiple of the angle, and any delay fits
+        if (
+            seed == 2
+        ):  # one sine: there the acceleration is a multiple of the angle, and any delay fits
             w = 2 * np.pi * rng.uniform(0.2, 1.0, rig.n) * speed
             q, v, a = (0.5 * w**k * np.sin(np.outer(t, w) + k * np.pi / 2) for k in range(3))
         tau = model.inverse(q, v, a)
@@ -465,8 +519,12 @@ def test_a_plants_own_torque_is_no_formula_and_a_speed_loops_is(name: str, speed
             assert check(rig, corrupted(log, "controller-formula", delay=delay), FILTER) is not None
 
 
-@pytest.mark.parametrize(("name", "speed"), [("turret", 1.0), ("thesis", 0.1), ("ptu", 1.0), ("drone", 0.1)])
-def test_a_torque_that_only_cancels_gravity_is_a_formula_and_a_plants_own_is_none(name: str, speed: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "speed"), [("turret", 1.0), ("thesis", 0.1), ("ptu", 1.0), ("drone", 0.1)]
+)
+def test_a_torque_that_only_cancels_gravity_is_a_formula_and_a_plants_own_is_none(
+    name: str, speed: float
+) -> None:
     """A hand moves the joint; beside it a plant, slow or fast, hardly any friction, a spring and cogging."""
     rig = Rig.load(name)
     check = CHECKS["controller-formula"]
@@ -496,10 +554,14 @@ def test_a_counterbalance_is_no_fault(name: str, stiffness: float) -> None:
     smooth = nominal(replace(rig, friction=0.05 * rig.friction))
     tau = smooth.inverse(motion.q, motion.v, motion.a)
     size = np.sqrt(np.mean(tau**2, axis=0))
-    tau = tau + size * (2.0 + stiffness * motion.q + 0.01 * np.random.default_rng(4).standard_normal(tau.shape))
+    tau = tau + size * (
+        2.0 + stiffness * motion.q + 0.01 * np.random.default_rng(4).standard_normal(tau.shape)
+    )
     stated = rig.with_phi(3.0 * rig.phi)
     for given in (rig, stated):
-        assert not check_log(given, Log("balanced", rig.joints, motion.t, motion.q, motion.v, tau)).faults
+        assert not check_log(
+            given, Log("balanced", rig.joints, motion.t, motion.q, motion.v, tau)
+        ).faults
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -536,16 +598,25 @@ def real(folder: str, urdf: str, file: str, columns: dict[str, str]) -> tuple[Ri
     if not (DATA / folder).is_dir():
         pytest.skip(f"../shared/data/{folder} is not there")
     rig = Rig.load(DATA / folder / urdf)
-    return rig, read_log(DATA / folder / file, rig, [f"{ours}={theirs}" for ours, theirs in columns.items()])
+    return rig, read_log(
+        DATA / folder / file, rig, [f"{ours}={theirs}" for ours, theirs in columns.items()]
+    )
 
 
-PENDULUM = {"t": "time", "q_shoulder": "position", "dq_shoulder": "velocity", "tau_shoulder": "torque"}
+PENDULUM = {
+    "t": "time",
+    "q_shoulder": "position",
+    "dq_shoulder": "velocity",
+    "tau_shoulder": "torque",
+}
 
 
 def test_the_simple_pendulums_acceleration_is_noise_and_the_answer_is_the_physical_arm() -> None:
     rig, log = real("dfki_simple_pendulum", "pendulum.urdf", "system_identification.csv", PENDULUM)
     found = check_log(rig, log)
-    assert [fault.cause for fault in found.faults if not fault.slight] == ["acceleration-noise"] and found.is_reliable
+    assert [fault.cause for fault in found.faults if not fault.slight] == [
+        "acceleration-noise"
+    ] and found.is_reliable
     answer = {parameter.name: parameter.value for parameter in found.faults[-1].answer}
     assert 0.116 <= answer["arm.Iyy"] <= 0.173
     assert 0.230 <= abs(answer["arm.mz"]) <= 0.345
@@ -556,7 +627,9 @@ def test_the_double_pendulums_logs_show_physics(run: str) -> None:
     columns = {"t": "time"}
     for k, joint in enumerate(("shoulder", "elbow"), start=1):
         columns |= {f"q_{joint}": f"pos{k}", f"dq_{joint}": f"vel{k}", f"tau_{joint}": f"tau{k}"}
-    rig, log = real("dfki_double_pendulum", "double_pendulum.urdf", f"20220812-{run}-PM_measured.csv", columns)
+    rig, log = real(
+        "dfki_double_pendulum", "double_pendulum.urdf", f"20220812-{run}-PM_measured.csv", columns
+    )
     found = check_log(rig, log)
     assert found.is_reliable
 
@@ -567,11 +640,15 @@ def test_the_speed_loops_current_is_its_formula_with_its_gain_and_delay() -> Non
     found = check_log(rig, log)
     told = figures(next(fault for fault in found.faults if fault.cause == "controller-formula"))
     assert found.is_reliable and told["left"] < 0.001
-    assert told["gain"] == pytest.approx(0.025 * 0.087, rel=0.03) and told["delay"] == pytest.approx(0.002, abs=1e-4)
+    assert told["gain"] == pytest.approx(0.025 * 0.087, rel=0.03) and told[
+        "delay"
+    ] == pytest.approx(0.002, abs=1e-4)
 
 
 def test_gravity_compensation_is_the_controllers_formula_of_the_angle() -> None:
-    rig, log = real("dfki_simple_pendulum", "pendulum.urdf", "gravity_compensation.csv.gz", PENDULUM)
+    rig, log = real(
+        "dfki_simple_pendulum", "pendulum.urdf", "gravity_compensation.csv.gz", PENDULUM
+    )
     found = check_log(rig, log)
     assert not found.is_usable and "controller-formula" in unreliable(found.faults)
     assert "neither friction nor inertia" in found.faults[0].sentence
@@ -585,7 +662,10 @@ def test_the_turning_motors_logs_are_reliable(part: str) -> None:
 
 @pytest.mark.parametrize(
     ("folder", "urdf", "file"),
-    [("ur10_unisa", "ur10.urdf", "ur10_exciting.db3"), ("franka_fer_unisa", "fer.urdf", "panda_unisa.db3")],
+    [
+        ("ur10_unisa", "ur10.urdf", "ur10_exciting.db3"),
+        ("franka_fer_unisa", "fer.urdf", "panda_unisa.db3"),
+    ],
 )
 def test_torques_of_an_arm_that_were_smoothed_or_sampled_at_30_hz_are_no_command(
     folder: str, urdf: str, file: str

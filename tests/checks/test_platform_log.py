@@ -23,7 +23,11 @@ def motion() -> tuple[Array, Array, Array]:
     t = DT * np.arange(N)
     rng = np.random.default_rng(3)
     moved = profile_s(t, np.random.default_rng(2))
-    return t, moved.w + 1e-3 * rng.standard_normal((N, 3)), moved.f + 1e-2 * rng.standard_normal((N, 3))
+    return (
+        t,
+        moved.w + 1e-3 * rng.standard_normal((N, 3)),
+        moved.f + 1e-2 * rng.standard_normal((N, 3)),
+    )
 
 
 def test_a_sound_log_passes_as_it_is() -> None:
@@ -35,13 +39,21 @@ def test_a_sound_log_passes_as_it_is() -> None:
 
 
 @given(st.integers(100, 1200), st.integers(10, 200), st.sampled_from(["gyro", "accel"]))
-def test_frozen_readings_are_told_and_nothing_of_them_is_used(first: int, count: int, sensor: str) -> None:
+def test_frozen_readings_are_told_and_nothing_of_them_is_used(
+    first: int, count: int, sensor: str
+) -> None:
     t, gyro, accel = (x.copy() for x in motion())
-    gyro[:, 2] = 0.5 + np.abs(gyro[:, 2])  # it turns all the time: whoever stands may repeat himself
+    gyro[:, 2] = 0.5 + np.abs(
+        gyro[:, 2]
+    )  # it turns all the time: whoever stands may repeat himself
     held = gyro if sensor == "gyro" else accel
     held[first : first + count] = held[first - 1]
     kept, _, notes = check_platform_log(t, Imu(gyro, accel), "ride.csv")
-    assert "repeats itself once" in notes[0] and f"from {t[first - 1]:.4g} s" in notes[0] and "ride.csv" in notes[0]
+    assert (
+        "repeats itself once" in notes[0]
+        and f"from {t[first - 1]:.4g} s" in notes[0]
+        and "ride.csv" in notes[0]
+    )
     assert not np.isin(t[first : first + count], kept).any()
     bridged = (count + 1) * DT <= 0.25
     assert len(kept) == N - count if bridged else len(kept) == max(first, N - first - count)
@@ -50,7 +62,9 @@ def test_frozen_readings_are_told_and_nothing_of_them_is_used(first: int, count:
 def test_one_axis_that_is_stuck_is_told_too_and_a_coarse_one_is_not() -> None:
     t, gyro, accel = (x.copy() for x in motion())
     gyro[600:700, 1] = gyro[600, 1]
-    assert "the gyro repeats itself once for 0.8" in check_platform_log(t, Imu(gyro, accel), "a")[2][0]
+    assert (
+        "the gyro repeats itself once for 0.8" in check_platform_log(t, Imu(gyro, accel), "a")[2][0]
+    )
     coarse = np.round(motion()[1] / 0.05) * 0.05
     assert not any("gyro" in note for note in check_platform_log(t, Imu(coarse, accel), "a")[2])
 
@@ -66,7 +80,12 @@ def test_gaps_are_told_and_of_long_ones_the_longest_stretch_between_is_used() ->
     keep = np.ones(N, dtype=bool)
     keep[200:220] = keep[500:600] = False  # 0.17 s and 0.81 s
     kept, imu, notes = check_platform_log(t[keep], Imu(gyro[keep], accel[keep]), "a")
-    assert kept[0] == t[600] and kept[-1] == t[-1] and imu.gyro is not None and len(imu.gyro) == len(kept)
+    assert (
+        kept[0] == t[600]
+        and kept[-1] == t[-1]
+        and imu.gyro is not None
+        and len(imu.gyro) == len(kept)
+    )
     assert "1 gap of more than 0.25 s, up to 0.808 s" in notes[0] and "4.8 to 11.99 s" in notes[0]
     keep[500:600] = True
     (note,) = check_platform_log(t[keep], Imu(gyro[keep], accel[keep]), "a")[2]
@@ -82,9 +101,14 @@ def test_what_nobody_can_be_carried_along_is_refused_with_the_mend() -> None:
     keep = np.arange(N) % 150 < 100  # 0.8 s, then 0.4 s of nothing
     with pytest.raises(LogError, match="no 2 s in a row"):
         check_platform_log(t[keep], Imu(gyro[keep], accel[keep]), "a")
-    with pytest.raises(LogError, match="gyro never changes"):  # and never did: no platform turns so evenly
+    with pytest.raises(
+        LogError, match="gyro never changes"
+    ):  # and never did: no platform turns so evenly
         check_platform_log(t, Imu(np.full_like(gyro, 0.25), np.full_like(accel, 5.66)), "a")
-    assert "the platform stands" in check_platform_log(t, Imu(0 * gyro, np.full_like(accel, 5.66)), "a")[2][0]
+    assert (
+        "the platform stands"
+        in check_platform_log(t, Imu(0 * gyro, np.full_like(accel, 5.66)), "a")[2][0]
+    )
     assert "pi/180" in check_platform_log(t, Imu(gyro * 57.3, accel), "a")[2][0]
     assert "sampled at 25 Hz" in check_platform_log(t[::5], Imu(gyro[::5], accel[::5]), "a")[2][0]
 

@@ -22,7 +22,9 @@ from tests.rigs import bundled
 def rig() -> Rig:
     """A turret with known torque constants."""
     plain = bundled("turret")
-    return replace(plain, motors=tuple(replace(motor, torque_constant=0.4) for motor in plain.motors))
+    return replace(
+        plain, motors=tuple(replace(motor, torque_constant=0.4) for motor in plain.motors)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,9 @@ def reverse_gravity(rig: Rig) -> Log:
 
 def said(rig: Rig, log: Log) -> str:
     """What is said of factors, in one text."""
-    return " | ".join(text for text in identify(rig, [log], filtering=EXACT).faults if "times the URDF's" in text)
+    return " | ".join(
+        text for text in identify(rig, [log], filtering=EXACT).faults if "times the URDF's" in text
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,7 +75,9 @@ def test_a_torque_in_another_unit_is_named_with_its_factor(
 
 
 @pytest.mark.parametrize("constants", [(0.21, 0.17), (0.1, 0.5), (2.5, 2.5)])
-def test_currents_are_named_with_each_motors_torque_constant(constants: tuple[float, float], log: Log) -> None:
+def test_currents_are_named_with_each_motors_torque_constant(
+    constants: tuple[float, float], log: Log
+) -> None:
     plain = bundled("turret")
     motors = tuple(replace(motor, torque_constant=k) for motor, k in zip(plain.motors, constants))
     text = said(replace(plain, motors=motors), replace(log, tau=log.tau / np.array(constants)))
@@ -82,7 +88,12 @@ def test_currents_are_named_with_each_motors_torque_constant(constants: tuple[fl
 def test_constants_of_other_motors_do_not_name_currents(log: Log) -> None:
     """Torques of one other unit, and constants that are not its inverse."""
     plain = bundled("turret")
-    rig = replace(plain, motors=tuple(replace(motor, torque_constant=k) for motor, k in zip(plain.motors, (0.2, 0.02))))
+    rig = replace(
+        plain,
+        motors=tuple(
+            replace(motor, torque_constant=k) for motor, k in zip(plain.motors, (0.2, 0.02))
+        ),
+    )
     text = said(rig, replace(log, tau=5.0 * np.asarray(log.tau)))
     assert "one factor, 5" in text and "torque_constant" not in text
 
@@ -103,7 +114,9 @@ def test_one_factor_of_all_inertias_is_named_as_time(rig: Rig, log: Log, speed: 
 @pytest.mark.parametrize("name", ["turret", "handheld"])
 def test_gravity_that_pulls_the_other_way_is_named(name: str) -> None:
     rig = bundled(name)
-    assert re.search(r"gravity's torque -1 ± .*horizontal axis if the rig hangs", said(rig, reverse_gravity(rig)))
+    assert re.search(
+        r"gravity's torque -1 ± .*horizontal axis if the rig hangs", said(rig, reverse_gravity(rig))
+    )
 
 
 @pytest.mark.parametrize("name", ["turret", "thesis", "ptu"])

@@ -35,8 +35,20 @@ def log_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_help_loads_no_heavy_library() -> None:
     """What `--help` takes stays under half a second as long as none of these is loaded at the top of a module."""
     code = "import sys; from gimbal_pin.cli import main; main(['--help']); print(*sys.modules, file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
-    heavy = {"scipy", "pandas", "pinocchio", "control", "matplotlib", "yourdfpy", "meshcat", "lxml", "jinja2"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT
+    )
+    heavy = {
+        "scipy",
+        "pandas",
+        "pinocchio",
+        "control",
+        "matplotlib",
+        "yourdfpy",
+        "meshcat",
+        "lxml",
+        "jinja2",
+    }
     assert not heavy & set(done.stderr.split()) and "gimbal_pin.cli" in done.stderr
 
 
@@ -63,7 +75,9 @@ def test_base_is_the_thesis_table(run: Run) -> None:
     assert (found["parameters"], found["identifiable"]) == (24, 15)
     zero = {"spine.Ixx", "spine.Izz", "spine.mx", "spine.my", "spine.mz", "fork.my"}
     assert set(found["unidentifiable"]) == zero
-    assert {"name": "spine.Iyy + fork.Izz", "terms": {"spine.Iyy": 1.0, "fork.Izz": 1.0}} in found["base"]
+    assert {"name": "spine.Iyy + fork.Izz", "terms": {"spine.Iyy": 1.0, "fork.Izz": 1.0}} in found[
+        "base"
+    ]
 
 
 def test_a_log_without_rates_can_be_simulated(run: Run, tmp_path: Path) -> None:
@@ -77,7 +91,9 @@ def test_a_log_without_rates_can_be_simulated(run: Run, tmp_path: Path) -> None:
         assert (found.v is not None) is rates and found.tau is not None and found.q_ref is not None
 
 
-def test_a_controllers_log_is_as_late_as_it_was_tuned_for_and_its_error_is_told(run: Run, tmp_path: Path) -> None:
+def test_a_controllers_log_is_as_late_as_it_was_tuned_for_and_its_error_is_told(
+    run: Run, tmp_path: Path
+) -> None:
     rig = Rig.load("turret")
     motion = tmp_path / "motion.csv"
     law = tmp_path / "law.yaml"
@@ -87,7 +103,9 @@ def test_a_controllers_log_is_as_late_as_it_was_tuned_for_and_its_error_is_told(
     logs = []
     for late in ((), ("--delay-samples", 4), ("--delay-samples", 1)):
         log = tmp_path / f"{len(logs)}.csv"
-        code, out, _ = run("simulate", "turret", "--controller", law, "--reference", motion, "-o", log, *late)
+        code, out, _ = run(
+            "simulate", "turret", "--controller", law, "--reference", motion, "-o", log, *late
+        )
         assert code == 0
         logs.append(read_log(log, rig))
         told.append(out.splitlines()[-1])
@@ -95,33 +113,54 @@ def test_a_controllers_log_is_as_late_as_it_was_tuned_for_and_its_error_is_told(
     assert np.any(logs[0].q != logs[2].q) and told[0] == told[1]
     assert logs[0].q_ref is not None
     rms = np.degrees(np.sqrt(np.mean((logs[0].q_ref - logs[0].q) ** 2, axis=0)))
-    assert [float(x) for x in re.findall(r"([\d.]+)°", told[0])] == pytest.approx(rms.tolist(), rel=1e-2)
+    assert [float(x) for x in re.findall(r"([\d.]+)°", told[0])] == pytest.approx(
+        rms.tolist(), rel=1e-2
+    )
 
 
 def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
     urdf = tmp_path / "model.urdf"
-    found = result(run, "identify", "turret", log_file, "-o", model, "--urdf", urdf, "--alignment", "0")
-    assert found["estimator"] == "weighted" and found["held_out"]["how"] == "last third" and found["physical"] is True
+    found = result(
+        run, "identify", "turret", log_file, "-o", model, "--urdf", urdf, "--alignment", "0"
+    )
+    assert (
+        found["estimator"] == "weighted"
+        and found["held_out"]["how"] == "last third"
+        and found["physical"] is True
+    )
     for row in found["base_parameters"]:
         assert {"name", "value", "std", "unit"} <= set(row)
-        assert row["deviations"] == pytest.approx((row["value"] - row["urdf"]) / row["std"]) and abs(row["urdf"]) > 0
+        assert (
+            row["deviations"] == pytest.approx((row["value"] - row["urdf"]) / row["std"])
+            and abs(row["urdf"]) > 0
+        )
     assert min(found["held_out"]["fit_percent"].values()) > 99
     assert Rig.load(urdf).joints == ("pan", "tilt")
-    tuned = result(run, "tune", "turret", model, "-o", tmp_path / "c.yaml", "--plot", tmp_path / "c.svg", *FEW)
+    tuned = result(
+        run, "tune", "turret", model, "-o", tmp_path / "c.yaml", "--plot", tmp_path / "c.svg", *FEW
+    )
     assert {"kp", "ki", "kd", "phase_margin_deg", "disk_margin"} <= set(tuned["joints"]["pan"])
     assert (tmp_path / "c.svg").stat().st_size > 1000
     asked = result(run, "tune", "turret", model, "--disk-margin", "0.9", "--delay", "0.002", *FEW)
     for row in asked["joints"].values():
         assert 0.9 - 1e-6 <= row["worst_of_draws"]["disk_margin"] < 0.92 and row["bandwidth_hz"] > 8
-    assert (asked["draws"], asked["wish"]["delay"], asked["wish"]["bandwidth_hz"]) == (200, 0.002, None)
+    assert (asked["draws"], asked["wish"]["delay"], asked["wish"]["bandwidth_hz"]) == (
+        200,
+        0.002,
+        None,
+    )
     tracked = result(run, "track", "turret", tmp_path / "c.yaml", *FEW)
     assert tracked["judged"] == tuned["judged"] and tracked["judged"]["plants"] == 2
     ratios = tracked["judged"]["ratios"]["computed-torque"]
-    assert all(1 < ratios["worst"][place] <= ratios["median"][place] for place in ("pan", "tilt", "all"))
+    assert all(
+        1 < ratios["worst"][place] <= ratios["median"][place] for place in ("pan", "tilt", "all")
+    )
 
 
-def test_export_finds_the_rig_that_a_controller_was_tuned_for(run: Run, log_file: Path, tmp_path: Path) -> None:
+def test_export_finds_the_rig_that_a_controller_was_tuned_for(
+    run: Run, log_file: Path, tmp_path: Path
+) -> None:
     """Beside the controller's file, wherever the two are moved together; without it the rig has to be named."""
     first = tmp_path / "first"
     (first / "made").mkdir(parents=True)
@@ -131,7 +170,9 @@ def test_export_finds_the_rig_that_a_controller_was_tuned_for(run: Run, log_file
     moved = first.rename(tmp_path / "moved")
     assert run("export", moved / "made" / "c.yaml", "--odrive", moved / "map.json")[0] == 0
     (moved / "mine.urdf").unlink()
-    refused(run("export", moved / "made" / "c.yaml", "--odrive", moved / "map.json"), 2, "--rig", "mine")
+    refused(
+        run("export", moved / "made" / "c.yaml", "--odrive", moved / "map.json"), 2, "--rig", "mine"
+    )
     assert run("tune", moved / "mine.yaml", log_file, "-o", moved / "c.yaml", *FEW)[0] == 0
     assert run("export", moved / "c.yaml", "--odrive", moved / "map.json")[0] == 0
 
@@ -144,14 +185,27 @@ def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path
     rows = {row["controller"]: row for row in found["pointing"]}
     assert list(rows) == ["pid", "computed-torque"]
     for row in rows.values():
-        assert row["platform"] == "S" and row["seeds"] == 1 and set(row["torque_rms"]) == {"pan", "tilt"}
+        assert (
+            row["platform"] == "S"
+            and row["seeds"] == 1
+            and set(row["torque_rms"]) == {"pan", "tilt"}
+        )
         assert 0 < row["jitter_rms_deg"] < row["jitter_max_deg"] and row["drift_deg"] is None
     assert rows["computed-torque"]["jitter_rms_deg"] < 0.5 * rows["pid"]["jitter_rms_deg"]
     assert found["pointing_loops"]["pid"] == found["pointing_loops"]["computed-torque"]
     assert (tmp_path / "p.svg").stat().st_size > 1000
     refused(run("track", "turret"), 2, "CONTROLLER", "--platform S")
-    refused(run("track", "turret", "c.yaml", "--animation", tmp_path / "a.html"), 2, "--animation", "--platform S")
-    refused(run("track", "turret", *options, "--platform-log", log_file), 2, "--platform: is given beside")
+    refused(
+        run("track", "turret", "c.yaml", "--animation", tmp_path / "a.html"),
+        2,
+        "--animation",
+        "--platform S",
+    )
+    refused(
+        run("track", "turret", *options, "--platform-log", log_file),
+        2,
+        "--platform: is given beside",
+    )
     for option, value in (("--fault", "clock:3:-1"), ("--compiled", "controller.so")):
         refused(run("track", "turret", *options, option, value), 2, option)
 
@@ -159,14 +213,18 @@ def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path
 def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:
     traj = tmp_path / "traj.csv"
     page = tmp_path / "traj.html"
-    code, _, err = run("excite", "turret", "-o", traj, "--starts", 1, "--seconds", 4, "--harmonics", 3)
+    code, _, err = run(
+        "excite", "turret", "-o", traj, "--starts", 1, "--seconds", 4, "--harmonics", 3
+    )
     assert code == 0, err
     code, said, err = run("animate", "turret", traj, "-o", page)
     assert code == 0 and page.stat().st_size > 100_000, err
     assert f"121 frames, {page.stat().st_size / 1e6:.1f} MB, " in said + err  # 4 s, 30 a second
 
 
-def test_auto_walks_from_a_log_to_a_report(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_auto_walks_from_a_log_to_a_report(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its diagnosis looks for two causes here, for all of them in README's, which `scripts/docs --run` runs.
 
     Of a payload that sits 5 mm off and was weighed it states what `identify` does, in all its parts, and the truth.
@@ -177,22 +235,35 @@ def test_auto_walks_from_a_log_to_a_report(run: Run, tmp_path: Path, monkeypatch
     out = tmp_path / "out"
     rig = Rig.load("turret")
     weighed = ("--mass", "2.197")
-    planted = [parse_effect(one, rig) for one in ("payload-shift:x=0.005", "payload-mass:extra=0.2")]
-    write_log(prescribed(plant_with(nominal(rig), planted).plant, seconds=6.0, torque_noise=0.01, dt=4e-3), log)
-    found = result(run, "auto", "turret", log, *weighed, "--kind", "pid", "--damping", "0.9", "-o", out, *FEW)
+    planted = [
+        parse_effect(one, rig) for one in ("payload-shift:x=0.005", "payload-mass:extra=0.2")
+    ]
+    write_log(
+        prescribed(
+            plant_with(nominal(rig), planted).plant, seconds=6.0, torque_noise=0.01, dt=4e-3
+        ),
+        log,
+    )
+    found = result(
+        run, "auto", "turret", log, *weighed, "--kind", "pid", "--damping", "0.9", "-o", out, *FEW
+    )
     alone = result(run, "identify", "turret", log, *weighed)
     for key in ("given_model", "balance"):
         assert found["identify"][key] == found["diagnose"][key] == alone[key]
     row = alone["given_model"]["camera"]
     std = alone["given_model"]["camera"]["com_std_mm"]
     assert row["com_mm"][0] == pytest.approx(5.0, abs=3 * std[0])
-    assert alone["balance"]["std_mm"][0] < 0.1, "link and payload together are known to what the log shows"
+    assert alone["balance"]["std_mm"][0] < 0.1, (
+        "link and payload together are known to what the log shows"
+    )
     refused(run("identify", "turret", log, "--mass", "-1"), 2, "--mass", "0.0001 to")
     assert (found["tune"]["controller"], found["tune"]["wish"]["damping"]) == ("pid", 0.9)
     whole(out)
 
 
-def test_a_mapping_is_that_of_the_recorded_motion_where_there_is_one(run: Run, log_file: Path) -> None:
+def test_a_mapping_is_that_of_the_recorded_motion_where_there_is_one(
+    run: Run, log_file: Path
+) -> None:
     asked = ("track", "turret", "--learn", log_file, "--map", "t=elsewhere")
     refused(run(*asked, "--platform", "S"), 2, "log.csv", "elsewhere")
     refused(run(*asked, "--platform-log", "motion.csv"), 2, "motion.csv: ")
@@ -210,7 +281,12 @@ GOOD = {"mass": "1", "ixx": "0.01", "kind": "revolute", "more": ""}
     [
         ({"mass": "-1"}, "arm"),
         ({"kind": "fixed"}, "movable"),
-        ({"more": '<joint name="back" type="fixed"><parent link="arm"/><child link="base"/></joint>'}, "loop"),
+        (
+            {
+                "more": '<joint name="back" type="fixed"><parent link="arm"/><child link="base"/></joint>'
+            },
+            "loop",
+        ),
     ],
 )
 def test_bad_urdfs(run: Run, tmp_path: Path, change: dict[str, str], place: str) -> None:
@@ -240,7 +316,9 @@ def test_bad_usage_is_one_line(run: Run) -> None:
         (lambda text: re.sub(r"\n[\d.]+(,[^\n]*\n)\Z", r"\n0.001\1", text), ["log.csv:"]),
     ],
 )
-def test_bad_logs(run: Run, log_file: Path, tmp_path: Path, edit: Callable[[str], str], words: list[str]) -> None:
+def test_bad_logs(
+    run: Run, log_file: Path, tmp_path: Path, edit: Callable[[str], str], words: list[str]
+) -> None:
     text = log_file.read_text()
     assert edit(text) != text
     (tmp_path / "log.csv").write_text(edit(text))
@@ -260,9 +338,16 @@ def test_data_that_cannot_answer(run: Run, log_file: Path, tmp_path: Path) -> No
     rig = Rig.load("turret")
     log = read_log(log_file, rig)
     write_log(log.part(slice(0, 10)), tmp_path / "short.csv")
-    refused(run("identify", "turret", tmp_path / "short.csv", "-o", tmp_path / "m.yaml"), 3, "head_mount.Iyy", "more;")
+    refused(
+        run("identify", "turret", tmp_path / "short.csv", "-o", tmp_path / "m.yaml"),
+        3,
+        "head_mount.Iyy",
+        "more;",
+    )
     still = prescribed(nominal(rig), seconds=15.0)
-    frozen = type(still)("still", still.joints, still.t, np.zeros_like(still.q), None, np.ones_like(still.q))
+    frozen = type(still)(
+        "still", still.joints, still.t, np.zeros_like(still.q), None, np.ones_like(still.q)
+    )
     write_log(frozen, tmp_path / "still.csv")
     refused(run("identify", "turret", tmp_path / "still.csv"), 3, "head_mount.Iyy", " more; ")
     assert not (tmp_path / "m.yaml").exists()

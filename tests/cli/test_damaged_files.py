@@ -113,14 +113,18 @@ class Files(dict[str, Any]):
     """Name → a file's bytes or a column, of which a failure prints the name."""
 
     def __repr__(self) -> str:
-        return ", ".join(f"{name}: {getattr(x, 'dtype', '')}" for name, x in list(self.items())[:40])
+        return ", ".join(
+            f"{name}: {getattr(x, 'dtype', '')}" for name, x in list(self.items())[:40]
+        )
 
 
 def stl() -> bytes:
     """A tetrahedron as a binary STL."""
     corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], dtype="<f4")
     faces = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
-    body = b"".join(np.zeros(3, "<f4").tobytes() + corners[list(face)].tobytes() + b"\0\0" for face in faces)
+    body = b"".join(
+        np.zeros(3, "<f4").tobytes() + corners[list(face)].tobytes() + b"\0\0" for face in faces
+    )
     return b"\0" * 80 + np.uint32(len(faces)).tobytes() + body
 
 
@@ -181,7 +185,12 @@ def valid(tmp_path_factory: pytest.TempPathFactory) -> Files:
 
 def write_files() -> None:
     """Write the rig, and by the verbs what a user has of it, into the working folder."""
-    for name, text in {"pan.urdf": PAN, "block.urdf": BLOCK, "pan.yaml": PAN_YAML, "map.yaml": MAPPING}.items():
+    for name, text in {
+        "pan.urdf": PAN,
+        "block.urdf": BLOCK,
+        "pan.yaml": PAN_YAML,
+        "map.yaml": MAPPING,
+    }.items():
         Path(name).write_text(text, encoding="utf-8")
     Path("part.stl").write_bytes(stl())
     Path("part.obj").write_bytes(OBJ)
@@ -199,14 +208,20 @@ def write_files() -> None:
     scaled = log.assign(q_pan=np.rad2deg(log["q_pan"]), tau_pan=log["tau_pan"] / 0.3)
     scaled.rename(columns=names).to_csv("mapped.csv", index=False)
     for kind in ("computed-torque", "pid"):
-        main(f"tune pan.yaml model.yaml -o {kind}.yaml --kind {kind} --bandwidth-hz 2 --plants 1".split())
+        main(
+            f"tune pan.yaml model.yaml -o {kind}.yaml --kind {kind} --bandwidth-hz 2 --plants 1".split()
+        )
     rig = Rig.load("pan.yaml")
     model = read_model(Path("model.yaml"), rig)
     plant, drive = plant_with(model, [parse_effect(cause, rig) for cause in CAUSES])
-    write_extended(replace(plant, drive=tuple(drive), estimated=model.estimated), Path("extended.yaml"))
+    write_extended(
+        replace(plant, drive=tuple(drive), estimated=model.estimated), Path("extended.yaml")
+    )
 
 
-def check_call(line: str, damage: Mapping[str, bytes], valid: Files, folder: Path, capfd: Any) -> int:
+def check_call(
+    line: str, damage: Mapping[str, bytes], valid: Files, folder: Path, capfd: Any
+) -> int:
     """Run a verb in a folder with some files damaged, check what it prints and leaves, and return its exit code."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
@@ -230,7 +245,9 @@ def check_call(line: str, damage: Mapping[str, bytes], valid: Files, folder: Pat
     assert code in (0, 2, 3), err
     assert not UNSAFE.search(out) and not UNSAFE.search(err) and "Traceback" not in err
     lines = err.splitlines()
-    assert all(line.startswith("gimbal-pin: ") for line in lines) and err.endswith("\n" * bool(lines))
+    assert all(line.startswith("gimbal-pin: ") for line in lines) and err.endswith(
+        "\n" * bool(lines)
+    )
     assert all(len(line) <= LONGEST_MESSAGE + 20 for line in lines)
     errors = [line for line in lines if not line.startswith("gimbal-pin: note: ")]
     assert len(errors) == (code != 0), err
@@ -239,12 +256,16 @@ def check_call(line: str, damage: Mapping[str, bytes], valid: Files, folder: Pat
     assert {name: left.pop(name) for name in inputs} == inputs
     assert left.keys() == (output if code == 0 else set()), err
     assert all(len(content) > 100 for content in left.values())
-    assert code == 0 or any(place in errors[0] for name in damage for place in PLACES.get(name, (name,))), err
+    assert code == 0 or any(
+        place in errors[0] for name in damage for place in PLACES.get(name, (name,))
+    ), err
     return code
 
 
 @pytest.fixture
-def check(valid: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Any:
+def check(
+    valid: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Any:
     """`check_call` in a folder of this test; the working folder is restored behind it."""
     monkeypatch.chdir(tmp_path)
     return lambda line, damage: check_call(line, damage, valid, tmp_path / "call", capfd)
@@ -254,7 +275,10 @@ IDENTIFY = "identify pan.yaml {} -o out.yaml"
 INSPECT = "inspect {} --rig pan.yaml"
 RUN = "simulate pan.yaml -o out.csv --seconds 0.1 "
 READERS: Mapping[str, tuple[Any, tuple[str, ...]]] = {
-    "log.csv": (damaged.damaged_table, (IDENTIFY, INSPECT, "identify pan.yaml {} --follow --idle 0 -o out.yaml")),
+    "log.csv": (
+        damaged.damaged_table,
+        (IDENTIFY, INSPECT, "identify pan.yaml {} --follow --idle 0 -o out.yaml"),
+    ),
     "log.json": (damaged.damaged_json, (INSPECT, IDENTIFY)),
     "log.candump": (damaged.damaged_bytes, (INSPECT,)),
     "log.npy": (damaged.damaged_bytes, (IDENTIFY, INSPECT)),
@@ -266,7 +290,10 @@ READERS: Mapping[str, tuple[Any, tuple[str, ...]]] = {
     "block.urdf": (damaged.damaged_xml, ("check pan.yaml --payload {}",)),
     "pan.yaml": (damaged.damaged_yaml, ("check {}", "identify {} log.csv -o out.yaml", RUN)),
     "map.yaml": (damaged.damaged_yaml, ("identify pan.yaml mapped.csv --map {} -o out.yaml",)),
-    "model.yaml": (damaged.damaged_yaml, (RUN + "--model {}", "tune pan.yaml {} -o out.yaml --plants 1")),
+    "model.yaml": (
+        damaged.damaged_yaml,
+        (RUN + "--model {}", "tune pan.yaml {} -o out.yaml --plants 1"),
+    ),
     "extended.yaml": (damaged.damaged_yaml, (RUN + "--model {}",)),
     "computed-torque.yaml": (damaged.damaged_yaml, (RUN + "--controller {}",)),
     "pid.yaml": (damaged.damaged_yaml, (RUN + "--controller {}",)),
@@ -298,7 +325,9 @@ def test_a_damaged_file_of_a_foreign_library_is_read_or_refused_in_one_line(
 @settings(max_examples=max(2, settings().max_examples // 6))
 @pytest.mark.parametrize("name", ["part.stl", "part.obj"])
 @given(data=st.data())
-def test_a_damaged_mesh_is_drawn_or_left_out(name: str, data: st.DataObject, valid: Files, check: Any) -> None:
+def test_a_damaged_mesh_is_drawn_or_left_out(
+    name: str, data: st.DataObject, valid: Files, check: Any
+) -> None:
     mesh = data.draw(damaged.damaged_bytes(valid[name]).map(Content))
     files = {"pan.urdf": PAN.replace("part.stl", name).encode(), name: mesh}
     check("animate pan.yaml reference.csv -o out.html", files)
@@ -307,7 +336,9 @@ def test_a_damaged_mesh_is_drawn_or_left_out(name: str, data: st.DataObject, val
 def write_parquet(columns: Mapping[str, Any]) -> bytes:
     """A Parquet file of the arrays that it can hold, some of them as lists, decimals or of few distinct values."""
     sink = io.BytesIO()
-    parquet.write_table(pyarrow.table({name: pyarrow.array(x) for name, x in columns.items()}), sink)
+    parquet.write_table(
+        pyarrow.table({name: pyarrow.array(x) for name, x in columns.items()}), sink
+    )
     return sink.getvalue()
 
 

@@ -19,7 +19,14 @@ from hypothesis import strategies as st
 
 from gimbal_pin.control import stored, tune
 from gimbal_pin.control.laws.design import KINDS
-from gimbal_pin.dynamics import Estimated, Model, Reference, compute_rnea, nominal, reduce_parameters
+from gimbal_pin.dynamics import (
+    Estimated,
+    Model,
+    Reference,
+    compute_rnea,
+    nominal,
+    reduce_parameters,
+)
 from gimbal_pin.effects import BaseTilt, Cogging, DeadZone, Delay, Stribeck, Term
 from gimbal_pin.errors import GimbalPinError, LogError, ModelError, RigError, UsageError
 from gimbal_pin.identification import read_model, write_extended
@@ -54,7 +61,9 @@ def soon(read: Callable[[], object], kind: type[GimbalPinError] = UsageError) ->
 
 # --- YAML -----------------------------------------------------------------------------------------------------------
 
-BOMB = "a0: &a0 [1, 1]\n" + "".join(f"a{k}: &a{k} [{', '.join(9 * [f'*a{k - 1}'])}]\n" for k in range(1, 40))
+BOMB = "a0: &a0 [1, 1]\n" + "".join(
+    f"a{k}: &a{k} [{', '.join(9 * [f'*a{k - 1}'])}]\n" for k in range(1, 40)
+)
 TRICKS = {
     "brackets": 20_000 * "[",
     "closed brackets": 20_000 * "[" + 20_000 * "]",
@@ -85,7 +94,9 @@ TRICKS = {
 
 
 @pytest.mark.parametrize("trick", TRICKS)
-def test_a_yaml_that_is_no_plain_data_is_refused_before_it_unfolds(tmp_path: Path, trick: str) -> None:
+def test_a_yaml_that_is_no_plain_data_is_refused_before_it_unfolds(
+    tmp_path: Path, trick: str
+) -> None:
     path = tmp_path / "x.yaml"
     path.write_text(TRICKS[trick], encoding="utf-8")
     refusal = soon(lambda: read_yaml(path))
@@ -99,7 +110,9 @@ def test_what_looks_like_a_date_a_merge_or_a_huge_number_is_a_text(tmp_path: Pat
 
 
 def test_a_few_aliases_mean_what_they_stand_for(tmp_path: Path) -> None:
-    (tmp_path / "x.yaml").write_text("yaw: &motor {slots: 24, size: [&n 1, 2]}\nroll: *motor\ntilt: *n")
+    (tmp_path / "x.yaml").write_text(
+        "yaw: &motor {slots: 24, size: [&n 1, 2]}\nroll: *motor\ntilt: *n"
+    )
     motor = {"slots": 24, "size": [1, 2]}
     assert read_yaml(tmp_path / "x.yaml") == {"yaw": motor, "roll": motor, "tilt": 1}
 
@@ -121,18 +134,25 @@ def is_plain(value: object) -> bool:
     """Whether a value is of texts, numbers, booleans, nothing, lists, and tables with texts as keys."""
     if isinstance(value, dict):
         return all(isinstance(key, str) and is_plain(inner) for key, inner in value.items())
-    return all(map(is_plain, value)) if isinstance(value, list) else isinstance(value, (str, int, float, type(None)))
+    return (
+        all(map(is_plain, value))
+        if isinstance(value, list)
+        else isinstance(value, (str, int, float, type(None)))
+    )
 
 
 # --- bytes ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_file_without_end_is_refused_and_a_pipe_that_nobody_fills_is_empty(tmp_path: Path) -> None:
+def test_a_file_without_end_is_refused_and_a_pipe_that_nobody_fills_is_empty(
+    tmp_path: Path,
+) -> None:
     assert isinstance(soon(lambda: read_bytes("/dev/zero", most=10**6)), UsageError)
     os.mkfifo(tmp_path / "pipe")
     assert soon(lambda: read_bytes(tmp_path / "pipe")) == b""
     assert isinstance(
-        soon(lambda: list(follow(str(tmp_path / "pipe"), Rig.load("turret"), idle=0.1)), LogError), LogError
+        soon(lambda: list(follow(str(tmp_path / "pipe"), Rig.load("turret"), idle=0.1)), LogError),
+        LogError,
     )
     sparse = tmp_path / "sparse"
     with sparse.open("wb") as file:
@@ -141,13 +161,17 @@ def test_a_file_without_end_is_refused_and_a_pipe_that_nobody_fills_is_empty(tmp
 
 
 @pytest.mark.parametrize("content", [None, b"[" * 100_000], ids=["pipe", "brackets"])
-def test_a_stored_controller_and_a_runs_list_are_read_as_any_file(tmp_path: Path, content: bytes | None) -> None:
+def test_a_stored_controller_and_a_runs_list_are_read_as_any_file(
+    tmp_path: Path, content: bytes | None
+) -> None:
     path = tmp_path / RUN
     if content is None:
         os.mkfifo(path)
     else:
         path.write_bytes(content)
-    assert isinstance(soon(lambda: Controller.load(path, Rig.load("turret")), ModelError), ModelError)
+    assert isinstance(
+        soon(lambda: Controller.load(path, Rig.load("turret")), ModelError), ModelError
+    )
     assert soon(lambda: read_run(tmp_path)) == {}
 
 
@@ -198,7 +222,8 @@ HOSTILE = {
     "elements in elements": f"<robot>{20_000 * '<a>'}{20_000 * '</a>'}</robot>",
     "a huge text": in_one("</robot>", f"<x>{12_000_000 * 'a'}</x></robot>"),
     "an entity as mass": '<!DOCTYPE robot [<!ENTITY m "1">]>' + in_one(MASS, '<mass value="&m;"/>'),
-    "a file as entity": '<!DOCTYPE robot [<!ENTITY m SYSTEM "/etc/hostname">]>' + in_one(MASS, f"&m;{MASS}"),
+    "a file as entity": '<!DOCTYPE robot [<!ENTITY m SYSTEM "/etc/hostname">]>'
+    + in_one(MASS, f"&m;{MASS}"),
     "digits of another script": in_one(MASS, '<mass value="١"/>'),
     "a blank that is none to XML": in_one(MASS, '<mass value="1&#xa0;"/>'),
     "an underscore": in_one(MASS, '<mass value="1_0"/>'),
@@ -218,7 +243,9 @@ HOSTILE = {
         for name in ("a&#9;b", "a&#10;b", "a&#x9b;b", " a", "a ", "&#xa0;", 65 * "a")
     },
     "a link of two lines": in_one("<robot", '<robot id="1"').replace('"l1"', '"l&#10;1"'),
-    "an angle that is a reference": chain(2, "revolute").replace('"j1"', '"a"').replace('"j2"', '"ref_a"'),
+    "an angle that is a reference": chain(2, "revolute")
+    .replace('"j1"', '"a"')
+    .replace('"j2"', '"ref_a"'),
 }
 
 
@@ -233,7 +260,13 @@ def test_a_urdf_of_no_machine_is_refused_in_one_line(
     assert capfd.readouterr() == ("", "")
 
 
-ODD = ("<dynamics/>", "<?pi?>", "<!-- <mass value='2'/> -->", '<xi:include xmlns:xi="x" href="/etc/hostname"/>', "<a/>")
+ODD = (
+    "<dynamics/>",
+    "<?pi?>",
+    "<!-- <mass value='2'/> -->",
+    '<xi:include xmlns:xi="x" href="/etc/hostname"/>',
+    "<a/>",
+)
 
 
 @pytest.mark.parametrize("odd", ODD)
@@ -244,19 +277,32 @@ def test_what_a_model_is_not_made_of_changes_nothing(
     if before == "<robot" and not odd.startswith(("<?", "<!")):
         before = '<link name="l0"/>'
     (tmp_path / "x.urdf").write_text(in_one(before, odd + before))
-    np.testing.assert_array_equal(Rig.load(tmp_path / "x.urdf").phi, spelled(chain(1, "revolute")).phi)
+    np.testing.assert_array_equal(
+        Rig.load(tmp_path / "x.urdf").phi, spelled(chain(1, "revolute")).phi
+    )
     assert capfd.readouterr() == ("", "")
 
 
-def test_blanks_around_a_number_change_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_blanks_around_a_number_change_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     for old in (MASS, 'effort="1"', 'ixx="1"'):
         (tmp_path / "x.urdf").write_text(in_one(old, old.replace('"1"', f'" &#9;1{1000 * " "}"')))
-        np.testing.assert_array_equal(Rig.load(tmp_path / "x.urdf").phi, spelled(chain(1, "revolute")).phi)
+        np.testing.assert_array_equal(
+            Rig.load(tmp_path / "x.urdf").phi, spelled(chain(1, "revolute")).phi
+        )
     assert capfd.readouterr() == ("", "")
 
 
 def test_names_in_any_script_and_an_encoding_wrongly_declared_are_taken(tmp_path: Path) -> None:
-    for name in ("schwenk-achse", "俯仰", "arm/joint.1 (left)", "universe", "platform", "root_joint"):
+    for name in (
+        "schwenk-achse",
+        "俯仰",
+        "arm/joint.1 (left)",
+        "universe",
+        "platform",
+        "root_joint",
+    ):
         text = '<?xml version="1.0" encoding="iso-8859-1"?>' + in_one('name="j1"', f'name="{name}"')
         (tmp_path / "x.urdf").write_text(text, encoding="utf-8")
         rig = Rig.load(tmp_path / "x.urdf")
@@ -269,7 +315,9 @@ def test_a_damaged_urdf_is_a_rig_or_refused_and_nothing_is_printed(
 ) -> None:
     (tmp_path / "x.urdf").write_bytes(content)
     rig = soon(lambda: Rig.load(tmp_path / "x.urdf"), RigError)
-    assert isinstance(rig, RigError) or np.isfinite(compute_rnea(rig, *np.ones((3, 1, rig.n)))).all()
+    assert (
+        isinstance(rig, RigError) or np.isfinite(compute_rnea(rig, *np.ones((3, 1, rig.n)))).all()
+    )
     assert capfd.readouterr() == ("", "")
 
 
@@ -302,7 +350,9 @@ def files() -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         write_extended(model(), Path(folder) / "model.yaml")
         content = read_yaml(Path(folder) / "model.yaml")
-    laws = {kind: to_plain(tune(model(), kind=kind, robust=kind != "pid").to_dict()) for kind in KINDS}
+    laws = {
+        kind: to_plain(tune(model(), kind=kind, robust=kind != "pid").to_dict()) for kind in KINDS
+    }
     assert laws["computed-torque"]["robust"] is not None
     return {"model": content, **laws}
 
@@ -311,7 +361,9 @@ def read_back(kind: str, content: Any, folder: Path) -> None:
     """Read a file, and ask the model or law in it for a torque."""
     rig = model().rig
     path = folder / "x.yaml"
-    path.write_text(json.dumps(content).replace("NaN", ".nan").replace("Infinity", ".inf"))  # JSON is YAML, and quick
+    path.write_text(
+        json.dumps(content).replace("NaN", ".nan").replace("Infinity", ".inf")
+    )  # JSON is YAML, and quick
     q = np.array([[0.3, -0.2], [0.0, 0.1]])
     v = np.array([[0.1, 0.0], [-1.0, 2.0]])
     if kind == "model":
@@ -329,7 +381,9 @@ def test_what_was_written_is_read(tmp_path: Path, kind: str) -> None:
 
 
 @given(st.sampled_from(["model", *KINDS]), st.data())
-def test_a_damaged_model_or_controller_is_read_or_refused(tmp_path: Path, kind: str, data: st.DataObject) -> None:
+def test_a_damaged_model_or_controller_is_read_or_refused(
+    tmp_path: Path, kind: str, data: st.DataObject
+) -> None:
     content = data.draw(damaged_tree(files()[kind]))
     refusal = soon(lambda: read_back(kind, content, tmp_path), ModelError)
     assert refusal is None or refusal.place.startswith(str(tmp_path / "x.yaml"))
@@ -342,18 +396,36 @@ BAD_MODELS: Mapping[str, tuple[Callable[[Any], object], str]] = {
     "a cause outside its bounds": (lambda m: m["drive"][0].update(time=9.0), "time is 9 s"),
     "a cause at no joint": (lambda m: m["drive"][0].update(joint="nose"), "no joint 'nose'"),
     "a truth as a figure": (lambda m: m["drive"][0].update(time=True), "time"),
-    "too many coefficients": (lambda m: m["terms"][0]["values"].append(1.0), "one value per coefficient"),
-    "a coefficient that is none": (lambda m: m["terms"][0].update(values=[float("nan")]), "values[0]"),
+    "too many coefficients": (
+        lambda m: m["terms"][0]["values"].append(1.0),
+        "one value per coefficient",
+    ),
+    "a coefficient that is none": (
+        lambda m: m["terms"][0].update(values=[float("nan")]),
+        "values[0]",
+    ),
     "too few parameters": (lambda m: m["phi"].pop(), "19 values"),
     "no inertia": (lambda m: m.update(phi=20 * [0.0]), "not positive"),
     "negative masses": (lambda m: m.update(phi=[-x for x in m["phi"]]), "not positive"),
     "joints in another order": (lambda m: m["joints"].reverse(), "is for the joints"),
     "a covariance of another shape": (lambda m: m["covariance"].pop(), "another shape"),
-    "a covariance with a hole": (lambda m: m["covariance"][0].__setitem__(0, float("nan")), "covariance[0][0]"),
+    "a covariance with a hole": (
+        lambda m: m["covariance"][0].__setitem__(0, float("nan")),
+        "covariance[0][0]",
+    ),
     "a negative variance": (lambda m: m["covariance"][0].__setitem__(0, -1e-8), "covariance"),
-    "a covariance that is not symmetric": (lambda m: m["covariance"][0].__setitem__(1, 9e-9), "covariance"),
-    "a variance of zero beside covariances": (lambda m: m["covariance"][0].__setitem__(0, 0.0), "covariance"),
-    "lags of one joint of two": (lambda m: m.update(lags=[0.001], lag_std=[0.001]), "1 entries for 2 joints"),
+    "a covariance that is not symmetric": (
+        lambda m: m["covariance"][0].__setitem__(1, 9e-9),
+        "covariance",
+    ),
+    "a variance of zero beside covariances": (
+        lambda m: m["covariance"][0].__setitem__(0, 0.0),
+        "covariance",
+    ),
+    "lags of one joint of two": (
+        lambda m: m.update(lags=[0.001], lag_std=[0.001]),
+        "1 entries for 2 joints",
+    ),
     "lags without deviations": (lambda m: m.update(lags=[0.001, 0.001]), "lag_std: has 0 entries"),
     "noise of three joints": (lambda m: m.update(noise=[1.0, 1.0, 1.0]), "noise: has 3 entries"),
     "payloads as a list": (lambda m: m.update(payloads=[1]), "payloads"),
@@ -395,7 +467,9 @@ def test_a_controller_that_none_can_be_is_refused(tmp_path: Path, case: str) -> 
     assert words in str(caught.value) and caught.value.place.startswith(str(tmp_path / "x.yaml"))
 
 
-@pytest.mark.parametrize("content", ["", "[]", "3", "text", "{}", "kind: gimbal_pin model", "wish: 1"])
+@pytest.mark.parametrize(
+    "content", ["", "[]", "3", "text", "{}", "kind: gimbal_pin model", "wish: 1"]
+)
 @pytest.mark.parametrize(
     "verb",
     [
@@ -405,7 +479,13 @@ def test_a_controller_that_none_can_be_is_refused(tmp_path: Path, case: str) -> 
         "simulate turret --controller FILE -o x.csv",
     ],
 )
-def test_every_verb_refuses_a_file_of_another_kind(tmp_path: Path, run: Run, verb: str, content: str) -> None:
+def test_every_verb_refuses_a_file_of_another_kind(
+    tmp_path: Path, run: Run, verb: str, content: str
+) -> None:
     (tmp_path / "x.yaml").write_text(content)
     words = [str(tmp_path / word) if word == "x.csv" else word for word in verb.split()]
-    refused(run(*[str(tmp_path / "x.yaml") if word == "FILE" else word for word in words]), 2, str(tmp_path / "x.yaml"))
+    refused(
+        run(*[str(tmp_path / "x.yaml") if word == "FILE" else word for word in words]),
+        2,
+        str(tmp_path / "x.yaml"),
+    )

@@ -27,7 +27,20 @@ from gimbal_pin.identification import ESTIMATORS
 from gimbal_pin.log.io import files
 from tests.command_line import Run, refused
 
-HOSTILE = ("nan", "inf", "-inf", "-1e11", "1e11", "1e300", "1" + "0" * 400, "9" * 6000, "", "x\x1b[31m", "None", "١")
+HOSTILE = (
+    "nan",
+    "inf",
+    "-inf",
+    "-1e11",
+    "1e11",
+    "1e300",
+    "1" + "0" * 400,
+    "9" * 6000,
+    "",
+    "x\x1b[31m",
+    "None",
+    "١",
+)
 
 
 def numbers(of: Any) -> Iterator[tuple[str, Any, list[PrimitiveConstructorSpec[Any]]]]:
@@ -39,11 +52,17 @@ def numbers(of: Any) -> Iterator[tuple[str, Any, list[PrimitiveConstructorSpec[A
         if hasattr(default, "__dataclass_fields__"):
             yield from numbers(type(default))
         elif {int, float} & {kind, *get_args(kind)}:
-            yield label(name, tuple(marks)), default, [m for m in marks if isinstance(m, PrimitiveConstructorSpec)]
+            yield (
+                label(name, tuple(marks)),
+                default,
+                [m for m in marks if isinstance(m, PrimitiveConstructorSpec)],
+            )
 
 
 def test_every_estimator_can_be_asked_for() -> None:
-    assert set(get_args(get_args(options.EstimatorName)[0])) == {str(method) for method in ESTIMATORS}
+    assert set(get_args(get_args(options.EstimatorName)[0])) == {
+        str(method) for method in ESTIMATORS
+    }
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -58,13 +77,23 @@ def test_every_number_has_bounds_that_its_message_names(verb: str) -> None:
             with pytest.raises(UsageError) as error:
                 bound.instance_from_str([value])
             said = str(error.value)
-            assert said.startswith(f"{name}: is ") and said.endswith(" ".join([f"{low} to {high}", *unit]))
+            assert said.startswith(f"{name}: is ") and said.endswith(
+                " ".join([f"{low} to {high}", *unit])
+            )
             assert len(said) < 120 and not UNSAFE.search(said)
 
 
 def test_a_number_is_refused_before_anything_is_read(run: Run) -> None:
-    refused(run("identify", "nowhere.urdf", "log.csv", "--cutoff", "nan"), 2, "--cutoff: is nan; give 0.1 to 1000 Hz")
-    refused(run("track", "nowhere.urdf", "--seeds", "2.5"), 2, "--seeds: is '2.5'; give a whole number from 1 to 10000")
+    refused(
+        run("identify", "nowhere.urdf", "log.csv", "--cutoff", "nan"),
+        2,
+        "--cutoff: is nan; give 0.1 to 1000 Hz",
+    )
+    refused(
+        run("track", "nowhere.urdf", "--seeds", "2.5"),
+        2,
+        "--seeds: is '2.5'; give a whole number from 1 to 10000",
+    )
 
 
 @given(parts=st.tuples(*[st.text() | st.text(min_size=200, max_size=2000)] * 3))
@@ -101,13 +130,19 @@ def test_a_name_that_holds_escapes_is_told_without_them(run: Run, tmp_path: Path
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_it_orderly(number: int, tmp_path: Path) -> None:
     before = signal.signal(number, signal.SIG_DFL)  # under nohup it is ignored
-    with pytest.raises(SystemExit) as stop, exit_on_signals(), files.open_replacement(tmp_path / "x"):
+    with (
+        pytest.raises(SystemExit) as stop,
+        exit_on_signals(),
+        files.open_replacement(tmp_path / "x"),
+    ):
         os.kill(os.getpid(), number)
     assert stop.value.code == 128 + number and not list(tmp_path.iterdir())
     assert signal.signal(number, before) is signal.SIG_DFL
 
 
-@pytest.mark.parametrize("call", ["identify turret {}", "simulate turret -o {}", "montecarlo turret --count 1 -o out"])
+@pytest.mark.parametrize(
+    "call", ["identify turret {}", "simulate turret -o {}", "montecarlo turret --count 1 -o out"]
+)
 def test_a_working_folder_that_was_deleted_is_one_line(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
@@ -126,7 +161,9 @@ LIMITED = "import resource as r, sys; r.setrlimit(r.{0}, ({1}, {1})); from gimba
 
 @pytest.mark.parametrize(("kind", "limit"), [("RLIMIT_NOFILE", 4), ("RLIMIT_AS", 500_000_000)])
 def test_a_limit_that_no_verb_can_work_under_is_one_line(kind: str, limit: int) -> None:
-    done = subprocess.run([sys.executable, "-c", LIMITED.format(kind, limit)], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED.format(kind, limit)], capture_output=True, text=True
+    )
     refused((done.returncode, done.stdout, done.stderr), 2, "ulimit", str(limit))
 
 
@@ -165,12 +202,16 @@ def test_a_defect_keeps_its_traceback(run: Run, monkeypatch: pytest.MonkeyPatch)
 
 def test_a_closed_stream_is_one_line() -> None:
     call, word = "identify turret - --follow <&-", "standard input: is closed"
-    done = subprocess.run(f"'{sys.executable}' -m gimbal_pin.cli {call}", shell=True, capture_output=True, text=True)
+    done = subprocess.run(
+        f"'{sys.executable}' -m gimbal_pin.cli {call}", shell=True, capture_output=True, text=True
+    )
     refused((done.returncode, done.stdout, done.stderr), 2, word)
 
 
 def test_no_verb_minds_which_window_matplotlib_would_open(tmp_path: Path) -> None:
     program = "from gimbal_pin.cli import main; main(['rigs']); import matplotlib; print(matplotlib.get_backend())"
     environment = {**os.environ, "MPLBACKEND": "nonsense"}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
     assert done.stdout.splitlines()[-1] == "agg"

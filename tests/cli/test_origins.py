@@ -48,7 +48,10 @@ def list_calls(rig: object, made: Path, out: Path) -> list[tuple[object, ...]]:
 OTHERS = {
     "a higher axis": ('<origin xyz="0 0 0.3" ', '<origin xyz="0 0 0.35" '),
     "a turned axis": ('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>'),
-    "a turned frame": ('<origin xyz="0 0 0.12" rpy="0 0 0"/>', '<origin xyz="0 0 0.12" rpy="0 0 0.1"/>'),
+    "a turned frame": (
+        '<origin xyz="0 0 0.12" rpy="0 0 0"/>',
+        '<origin xyz="0 0 0.12" rpy="0 0 0.1"/>',
+    ),
 }
 
 
@@ -64,10 +67,14 @@ def test_a_file_of_another_rig_with_the_same_joints_is_refused_by_name(
         refused(run(*call), 2, "turret", "lookalike")
 
 
-def test_a_file_serves_its_rig_in_another_place_and_with_other_masses(made: Path, tmp_path: Path, run: Run) -> None:
+def test_a_file_serves_its_rig_in_another_place_and_with_other_masses(
+    made: Path, tmp_path: Path, run: Run
+) -> None:
     """A copy of the URDF under another name, with the masses that somebody weighed and rounded origins."""
     path = tmp_path / "copy.urdf"
-    path.write_text(TEXT.replace('mass value="', 'mass value="1').replace('xyz="0 0 0.3"', 'xyz="0.0001 0 0.3"'))
+    path.write_text(
+        TEXT.replace('mass value="', 'mass value="1').replace('xyz="0 0 0.3"', 'xyz="0.0001 0 0.3"')
+    )
     for call in list_calls(path, made, tmp_path):
         code, _, err = run(*call)
         assert code == 0, (call, err)
@@ -88,11 +95,25 @@ def test_a_controller_of_another_payload_is_simulated_with_a_note_and_not_export
 ) -> None:
     """To see what a swapped camera does to old gains is an ordinary experiment."""
     code, _, err = run(
-        *("simulate", "turret", "-o", tmp_path / "log.csv", "--controller", made / "controller.yaml"),
+        *(
+            "simulate",
+            "turret",
+            "-o",
+            tmp_path / "log.csv",
+            "--controller",
+            made / "controller.yaml",
+        ),
         *("--seconds", 1, "--payload", "mirrorless"),
     )
     assert code == 0 and "cinema" in err and "mirrorless" in err
-    call = ("export", made / "controller.yaml", "--odrive", tmp_path / "drive.json", "--payload", "mirrorless")
+    call = (
+        "export",
+        made / "controller.yaml",
+        "--odrive",
+        tmp_path / "drive.json",
+        "--payload",
+        "mirrorless",
+    )
     refused(run(*call), 2, "cinema", "mirrorless")
 
 

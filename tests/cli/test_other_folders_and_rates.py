@@ -53,7 +53,14 @@ def test_a_motion_is_interpolated_to_the_controller_s_rate(
     tune(nominal(rig), dt=control, bandwidth_hz=4.0).save(tmp_path / "c.yaml")
     asked = fourier(rig, 1, 2.0, motion)
     write_motion(asked, rig.joints, tmp_path / "x.csv")
-    call = ["simulate", "turret", "--controller", tmp_path / "c.yaml", "--reference", tmp_path / "x.csv"]
+    call = [
+        "simulate",
+        "turret",
+        "--controller",
+        tmp_path / "c.yaml",
+        "--reference",
+        tmp_path / "x.csv",
+    ]
     code, _, err = run(*call, "-o", tmp_path / "s.csv")
     assert code == 0 and "interpolated" in err
     log = read_log(tmp_path / "s.csv", rig)
@@ -66,8 +73,12 @@ def test_a_motion_is_interpolated_to_the_controller_s_rate(
 def test_an_interpolated_motion_has_the_rates_of_its_angles() -> None:
     rig = Rig.load("turret")
     exact = fourier(rig, 2, 2.0, 1e-3)
-    found = interpolate_motion(Motion(*(x[::5] for x in (exact.t, exact.q, exact.v, exact.a))), 1e-3)
-    for got, right, size in zip((found.q, found.v, found.a), (exact.q, exact.v, exact.a), (1e-8, 1e-5, 1e-2)):
+    found = interpolate_motion(
+        Motion(*(x[::5] for x in (exact.t, exact.q, exact.v, exact.a))), 1e-3
+    )
+    for got, right, size in zip(
+        (found.q, found.v, found.a), (exact.q, exact.v, exact.a), (1e-8, 1e-5, 1e-2)
+    ):
         assert np.abs(got - right).max() < size
 
 
@@ -92,7 +103,9 @@ def add_drift(model: Model, size: float, correlation: float) -> Model:
 
 
 @pytest.mark.parametrize(("size", "correlation"), [(1e6, 0.3), (1e8, 0.3), (1e10, -0.2)])
-def test_a_drift_that_no_log_shows_does_not_multiply_the_gain(size: float, correlation: float) -> None:
+def test_a_drift_that_no_log_shows_does_not_multiply_the_gain(
+    size: float, correlation: float
+) -> None:
     rig = Rig.load("turret")
     model = identify(rig, [prescribed(nominal(rig), 1, 8.0, 1e-3, 2e-3)], filtering=EXACT).model
     with_drift = tune(add_drift(model, size, correlation), disk_margin=0.5)

@@ -64,7 +64,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copy(bundled() / "turret.yaml", tmp_path / "rig.yaml")
     shutil.copy(bundled() / "payloads" / "cinema.urdf", tmp_path / "camera.urdf")
     (tmp_path / "named.yaml").write_text("urdf: rig.urdf\n")
-    for name in ("log.csv", "map.yaml", "model.yaml", "out/next_experiment.csv", "out/motion.csv", "out/earlier.csv"):
+    for name in (
+        "log.csv",
+        "map.yaml",
+        "model.yaml",
+        "out/next_experiment.csv",
+        "out/motion.csv",
+        "out/earlier.csv",
+    ):
         (tmp_path / name).write_text("{")
     earlier = {"earlier.csv": files.hash_file(tmp_path / "out" / "earlier.csv")}
     (tmp_path / "out" / "run.json").write_text(json.dumps({"schema": 1, "files": earlier}))
@@ -76,14 +83,25 @@ def content(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize(("command", "writes", "reads"), CLASHES, ids=[command for command, *_ in CLASHES])
-def test_no_verb_writes_over_what_it_reads(run: Run, folder: Path, command: str, writes: str, reads: str) -> None:
+@pytest.mark.parametrize(
+    ("command", "writes", "reads"), CLASHES, ids=[command for command, *_ in CLASHES]
+)
+def test_no_verb_writes_over_what_it_reads(
+    run: Run, folder: Path, command: str, writes: str, reads: str
+) -> None:
     before = content(folder)
-    refused(run(*command.format(here=folder.name).split()), 2, f"gimbal-pin: {writes}: would write over", reads)
+    refused(
+        run(*command.format(here=folder.name).split()),
+        2,
+        f"gimbal-pin: {writes}: would write over",
+        reads,
+    )
     assert content(folder) == before
 
 
-@pytest.mark.parametrize("options", ["-o /dev/null --json /dev/null", "--known model.yaml -o model.yaml --force"])
+@pytest.mark.parametrize(
+    "options", ["-o /dev/null --json /dev/null", "--known model.yaml -o model.yaml --force"]
+)
 def test_devices_and_what_is_forced_are_no_clash(run: Run, folder: Path, options: str) -> None:
     """The log, which is none, is what is wrong here."""
     said = run("identify", "rig.urdf", "log.csv", *options.split())
@@ -126,7 +144,9 @@ OUTPUTS = [
 """Verb, name on its command line and mark of every file that it may write."""
 
 
-@pytest.mark.parametrize(("verb", "option", "mark"), OUTPUTS, ids=[f"{verb} {option}" for verb, option, _ in OUTPUTS])
+@pytest.mark.parametrize(
+    ("verb", "option", "mark"), OUTPUTS, ids=[f"{verb} {option}" for verb, option, _ in OUTPUTS]
+)
 @pytest.mark.parametrize("suffix", [".docx", ""])
 def test_an_unknown_suffix_is_refused_before_the_work(
     run: Run, folder: Path, verb: str, option: str, mark: paths.Writes, suffix: str
@@ -147,12 +167,16 @@ def test_an_unknown_suffix_is_refused_before_the_work(
 def one_run(folder: Path) -> bool:
     """Whether a folder's run.json is there and says of every file in it what it holds."""
     listed = files.read_run(folder)
-    return bool(listed) and all(files.hash_file(folder / name) == found for name, found in listed.items())
+    return bool(listed) and all(
+        files.hash_file(folder / name) == found for name, found in listed.items()
+    )
 
 
 def written(folder: Path, /, **text: str) -> tuple[str, ...]:
     """What `write_run` says of files with these texts."""
-    return files.write_run(folder, {name: lambda path, name=name: path.write_text(text[name]) for name in text}, {})
+    return files.write_run(
+        folder, {name: lambda path, name=name: path.write_text(text[name]) for name in text}, {}
+    )
 
 
 def test_files_of_an_older_run_do_not_stay_beside_newer_ones(tmp_path: Path) -> None:
@@ -161,7 +185,9 @@ def test_files_of_an_older_run_do_not_stay_beside_newer_ones(tmp_path: Path) -> 
     (tmp_path / "c").write_text("changed")
     (note,) = written(tmp_path, a="2")
     assert note.startswith(f"{tmp_path / 'c'} ") and one_run(tmp_path)
-    assert {path.name: path.read_text() for path in tmp_path.iterdir() if path.name != files.RUN_FILE} == {
+    assert {
+        path.name: path.read_text() for path in tmp_path.iterdir() if path.name != files.RUN_FILE
+    } == {
         "foreign": "mine",
         "a": "2",
         "c": "changed",
@@ -172,7 +198,9 @@ def test_a_run_that_fails_leaves_the_older_one_whole(tmp_path: Path) -> None:
     written(tmp_path, a="1", b="1")
     before = content(tmp_path)
     with pytest.raises(ZeroDivisionError):
-        files.write_run(tmp_path, {"a": lambda path: path.write_text("2"), "b": lambda path: 1 / 0}, {})
+        files.write_run(
+            tmp_path, {"a": lambda path: path.write_text("2"), "b": lambda path: 1 / 0}, {}
+        )
     (tmp_path / "folder").mkdir()
     with pytest.raises(UsageError, match="is a folder"):
         written(tmp_path, a="2", folder="2")
@@ -220,9 +248,18 @@ def test_what_a_killed_run_left_goes_and_what_another_writes_stays(tmp_path: Pat
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        ("identify rig.urdf log.csv -o notes.csv", "-o: names notes.csv; give it a name that ends in .yaml"),
-        ("tune rig.urdf log.csv -o notes.csv", "-o: names notes.csv; give it a name that ends in .yaml"),
-        ("check rig.urdf --json notes.csv", "--json: names notes.csv; give it a name that ends in .json"),
+        (
+            "identify rig.urdf log.csv -o notes.csv",
+            "-o: names notes.csv; give it a name that ends in .yaml",
+        ),
+        (
+            "tune rig.urdf log.csv -o notes.csv",
+            "-o: names notes.csv; give it a name that ends in .yaml",
+        ),
+        (
+            "check rig.urdf --json notes.csv",
+            "--json: names notes.csv; give it a name that ends in .json",
+        ),
         (
             "identify rig.urdf log.csv --urdf notes.csv",
             "--urdf: names notes.csv; give it a name that ends in .urdf",
@@ -264,9 +301,15 @@ def test_what_a_rig_includes_is_read_as_well(run: Run, folder: Path) -> None:
     (folder / "sizes.yaml").write_text("name: spare")
     body = '<body><geom size="1" mass="1"/><joint name="j" axis="0 0 1" range="-1 1"/></body>'
     (folder / "arm.urdf").write_text(f"<mujoco>{body}</mujoco>")
-    (folder / "mj.xml").write_text('<mujoco><worldbody><include file="arm.urdf"/></worldbody></mujoco>')
+    (folder / "mj.xml").write_text(
+        '<mujoco><worldbody><include file="arm.urdf"/></worldbody></mujoco>'
+    )
     before = content(folder)
-    for words in ("top.xacro --json inner.urdf", "top.xacro --mend inner.urdf", "top.xacro --json sizes.yaml"):
+    for words in (
+        "top.xacro --json inner.urdf",
+        "top.xacro --mend inner.urdf",
+        "top.xacro --json sizes.yaml",
+    ):
         refused(run("check", *words.split()), 2, "would write over", "which RIG reads")
     pytest.importorskip("mujoco")
     refused(run("check", "mj.xml", "--json", "arm.urdf"), 2, "would write over", "which RIG reads")
@@ -296,7 +339,9 @@ def test_the_call_that_a_page_names_means_what_was_typed(words: str) -> None:
 
 
 def test_a_page_names_what_was_read_without_where_it_lies(folder: Path) -> None:
-    call = parse(["diagnose", str(folder / "rig.urdf"), str(folder / "log.csv"), "-o", str(folder / "new")])
+    call = parse(
+        ["diagnose", str(folder / "rig.urdf"), str(folder / "log.csv"), "-o", str(folder / "new")]
+    )
     assert paths.spell_call(*call) == "gimbal-pin diagnose rig.urdf log.csv -o new"
     assert {file.name for file in paths.list_read_files(*call)} >= {"rig.urdf", "log.csv"}
 

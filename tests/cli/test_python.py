@@ -46,11 +46,17 @@ def diagnosis(rig: Rig, log: Log) -> Diagnosis:
 
 def turned(log: Log) -> Log:
     """The same log with its columns, and their names, the other way round."""
-    return replace(log, joints=log.joints[::-1], **{name: getattr(log, name)[:, ::-1] for name in ("q", "v", "tau")})
+    return replace(
+        log,
+        joints=log.joints[::-1],
+        **{name: getattr(log, name)[:, ::-1] for name in ("q", "v", "tau")},
+    )
 
 
 def test_columns_are_found_by_their_joints_names(rig: Rig, log: Log) -> None:
-    straight, other = (gimbal_pin.identify(rig, [one], holdout="none") for one in (log, turned(log)))
+    straight, other = (
+        gimbal_pin.identify(rig, [one], holdout="none") for one in (log, turned(log))
+    )
     np.testing.assert_allclose(other.estimate.theta, straight.estimate.theta, rtol=1e-9)
     assert min(other.train.fit_percent.values()) > 90
 
@@ -64,7 +70,10 @@ def test_a_log_of_another_rig_is_refused_by_all_that_take_both(rig: Rig, log: Lo
         lambda: gimbal_pin.auto(rig, [strange], "nowhere", rng=np.random.default_rng(0)),
         lambda: online.advance(online.start(), strange),
     ):
-        with pytest.raises(GimbalPinError, match=f"{log.name}: has no joint '{rig.joints[1]}' of rig turret; it has"):
+        with pytest.raises(
+            GimbalPinError,
+            match=f"{log.name}: has no joint '{rig.joints[1]}' of rig turret; it has",
+        ):
             asked()
 
 
@@ -85,7 +94,9 @@ GIVEN: dict[str, Any] = {"t": [0.0, 0.1, 0.2], "q": [[0.0], [0.1], [0.2]]}
         ({"joints": ("pan", "pan"), "q": np.zeros((3, 2))}, "run: joints: are pan, pan"),
     ],
 )
-def test_a_log_says_in_one_line_what_it_cannot_be_made_of(wrong: dict[str, Any], words: str) -> None:
+def test_a_log_says_in_one_line_what_it_cannot_be_made_of(
+    wrong: dict[str, Any], words: str
+) -> None:
     with pytest.raises(GimbalPinError, match=words) as refusal:
         Log(**{"name": "run", "joints": ("pan",), **GIVEN, **wrong})
     assert "\n" not in str(refusal.value)
@@ -96,11 +107,18 @@ def test_a_log_is_made_of_plain_lists() -> None:
     assert made.joints == ("pan",) and made.q.dtype == np.float64 and made.q.shape == (3, 1)
 
 
-@pytest.mark.parametrize("through", [lambda x: pickle.loads(pickle.dumps(x)), copy.copy, copy.deepcopy])
+@pytest.mark.parametrize(
+    "through", [lambda x: pickle.loads(pickle.dumps(x)), copy.copy, copy.deepcopy]
+)
 def test_a_log_passes_between_processes(through: Any, log: Log) -> None:
     carried = replace(log, imus={"arm": Imu(gyro=np.ones((len(log), 3)))}, events=("said",))
     same = through(carried)
-    assert (same.name, same.joints, same.events, same.payload) == (carried.name, carried.joints, ("said",), None)
+    assert (same.name, same.joints, same.events, same.payload) == (
+        carried.name,
+        carried.joints,
+        ("said",),
+        None,
+    )
     np.testing.assert_array_equal(same.q, carried.q)
     np.testing.assert_array_equal(same.imus["arm"].gyro, np.ones((len(log), 3)))
     assert not same.q.flags.writeable
@@ -113,7 +131,8 @@ def test_every_name_that_draws_can_be_called_without_a_generator() -> None:
     takers = {
         name
         for name in gimbal_pin.__all__
-        if inspect.isfunction(value := getattr(gimbal_pin, name)) and "rng" in inspect.signature(value).parameters
+        if inspect.isfunction(value := getattr(gimbal_pin, name))
+        and "rng" in inspect.signature(value).parameters
     }
     assert takers >= {"auto", "bench_run", "diagnose", "excite", "profile_s", "simulate", "track"}
     for name in takers:
@@ -121,10 +140,18 @@ def test_every_name_that_draws_can_be_called_without_a_generator() -> None:
 
 
 DRAWN: dict[str, tuple[Callable[..., Any], Callable[[Any], Any]]] = {
-    "profile_s": (lambda rig, **rng: gimbal_pin.profile_s(np.linspace(0, 1, 20), **rng), lambda platform: platform.f),
-    "excite": (lambda rig, **rng: gimbal_pin.excite(rig, seconds=2, starts=1, **rng), lambda found: found.coefficients),
+    "profile_s": (
+        lambda rig, **rng: gimbal_pin.profile_s(np.linspace(0, 1, 20), **rng),
+        lambda platform: platform.f,
+    ),
+    "excite": (
+        lambda rig, **rng: gimbal_pin.excite(rig, seconds=2, starts=1, **rng),
+        lambda found: found.coefficients,
+    ),
     "bench_run": (
-        lambda rig, **rng: gimbal_pin.bench_run(gimbal_pin.nominal(rig), seconds=0.2, period=2, **rng),
+        lambda rig, **rng: gimbal_pin.bench_run(
+            gimbal_pin.nominal(rig), seconds=0.2, period=2, **rng
+        ),
         lambda log: log.tau,
     ),
     "track": (
@@ -159,7 +186,9 @@ def test_what_is_no_seed_is_refused(wrong: Any) -> None:
 
 
 def test_dir_lists_the_public_names_alone() -> None:
-    assert {name for name in dir(gimbal_pin) if not name.startswith("__")} == set(gimbal_pin.__all__)
+    assert {name for name in dir(gimbal_pin) if not name.startswith("__")} == set(
+        gimbal_pin.__all__
+    )
     assert {"animate", "check", "export_controller"} <= set(gimbal_pin.__all__)
     assert all(callable(getattr(gimbal_pin, name)) for name in gimbal_pin.__all__)
 
@@ -196,7 +225,9 @@ def within(value: Any, seen: dict[int, Any]) -> dict[int, Any]:
     return seen
 
 
-def test_whatever_a_name_returns_prints_as_a_few_lines(rig: Rig, log: Log, diagnosis: Diagnosis) -> None:
+def test_whatever_a_name_returns_prints_as_a_few_lines(
+    rig: Rig, log: Log, diagnosis: Diagnosis
+) -> None:
     found = gimbal_pin.identify(rig, [log])
     tuning = gimbal_pin.tune(found.model, bandwidth_hz=4, robust=True)
     tracking = gimbal_pin.track(found.model, {"mine": tuning.controller}, seconds=0.7)
@@ -204,19 +235,46 @@ def test_whatever_a_name_returns_prints_as_a_few_lines(rig: Rig, log: Log, diagn
     memory = online.advance(online.start(), log)
     read = summary(rig, found, tuning, tracking, [log], "the plant", diagnosis)
     judged = judge_controllers(found.model, pair_rivals(tuning.stored), plants=1)
-    auto = Auto(found, diagnosis, found.model, tuning, tracking, judged, log, {}, "the plant", read, diagnosis.given)
+    auto = Auto(
+        found,
+        diagnosis,
+        found.model,
+        tuning,
+        tracking,
+        judged,
+        log,
+        {},
+        "the plant",
+        read,
+        diagnosis.given,
+    )
     many = chain(32)
     wide = Log("run", many.joints, [0.0, 1.0], np.zeros((2, 32)))
     carried = gimbal_pin.profile_s(log.t)
     several = identify_several({"infrared": rig}, {"infrared": [log]})
     excitation = gimbal_pin.excite(rig, seconds=2, starts=1)
-    results = [auto, several, online, memory, online.model(memory), excitation, carried, check(rig), many, wide]
+    results = [
+        auto,
+        several,
+        online,
+        memory,
+        online.model(memory),
+        excitation,
+        carried,
+        check(rig),
+        many,
+        wide,
+    ]
     held = within([*results, gimbal_pin.nominal(many)], {}).values()
     everything = [one for one in held if type(one).__module__.startswith("gimbal_pin")]
-    assert {"Diagnosis", "Tracking", "Estimate", "Evidence", "Rig", "Log"} <= {type(one).__name__ for one in everything}
+    assert {"Diagnosis", "Tracking", "Estimate", "Evidence", "Rig", "Log"} <= {
+        type(one).__name__ for one in everything
+    }
     long = {type(one).__name__: len(repr(one)) for one in everything}
     assert not {name: size for name, size in long.items() if size > 400}
-    assert repr(tracking).startswith("Tracking(rig=Rig 'turret', steps={pan, tilt}, experiments=3 Exp")
+    assert repr(tracking).startswith(
+        "Tracking(rig=Rig 'turret', steps={pan, tilt}, experiments=3 Exp"
+    )
     assert repr(diagnosis).startswith("Diagnosis(rig='turret', logs=('prescribed 0'), verdict=")
     assert repr(carried).startswith("Platform(t=12001 array, f=12001 × 3 array")
     assert str(tuning).startswith(repr(tuning)[:-1]) and len(str(tuning)) > len(repr(tuning))
@@ -229,7 +287,9 @@ def test_one_mapping_is_a_text_a_path_or_a_table(rig: Rig, tmp_path: Path) -> No
     (tmp_path / "log.csv").write_text("time,a,b\n0,0,1\n0.1,2,3\n0.2,4,5\n", encoding="utf-8")
     table = {"t": "time", "q_pan": "a*pi/180", "q_tilt": "b*pi/180"}
     written = tmp_path / "map.yaml"
-    written.write_text("".join(f"{target}: {source}\n" for target, source in table.items()), encoding="utf-8")
+    written.write_text(
+        "".join(f"{target}: {source}\n" for target, source in table.items()), encoding="utf-8"
+    )
     several = [f"{target}={source}" for target, source in table.items()]
     given: list[Any] = [str(written), written, table, several, [written]]
     for mapping in given:

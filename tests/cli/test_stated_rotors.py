@@ -71,7 +71,9 @@ def test_a_stated_rotor_is_inertia_of_its_joint_alone(stated: Path) -> None:
     np.testing.assert_allclose(rig.armature, expected, rtol=1e-12)
     assert (drop_rotors(rig).armature == 0).all()
     tau = compute_rnea(rig, q, v, a)
-    np.testing.assert_allclose(tau, compute_regressor(rig, q, v, a) @ rig.phi + a * expected, atol=1e-12)
+    np.testing.assert_allclose(
+        tau, compute_regressor(rig, q, v, a) @ rig.phi + a * expected, atol=1e-12
+    )
     none = np.zeros((5, 3))
     upright = Platform(1.0 * np.arange(5), np.tile([0.0, 0.0, GRAVITY], (5, 1)), none, none)
     np.testing.assert_allclose(compute_rnea(rig, q, v, a, upright), tau, atol=1e-12)
@@ -96,7 +98,9 @@ def test_mujoco_asks_for_the_torque_of_its_armature_too(tmp_path: Path) -> None:
         np.testing.assert_allclose(data.qfrc_inverse, tau, atol=1e-9)
 
 
-def test_every_verb_takes_a_stated_rotor(stated: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_verb_takes_a_stated_rotor(
+    stated: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(stated.parent)
     for verb in VERBS:
         code, _, err = run(*verb.replace("RIG", stated.name).split())
@@ -110,7 +114,9 @@ def test_every_verb_takes_a_stated_rotor(stated: Path, run: Run, monkeypatch: py
     assert [checked["joints"][joint]["armature"] for joint in rig.joints] == expected
 
 
-def test_auto_takes_a_stated_rotor(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_auto_takes_a_stated_rotor(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("gimbal.xml").write_text(MJCF)
     write_log(prescribed(nominal(Rig.load("gimbal.xml")), 1, 8.0, 1e-3, 2e-3), "log.csv")
@@ -120,20 +126,30 @@ def test_auto_takes_a_stated_rotor(run: Run, tmp_path: Path, monkeypatch: pytest
 
 def test_the_bodies_are_identified_beside_a_stated_rotor(stated: Path, run: Run) -> None:
     for estimator in ("weighted", "physical"):
-        found = result(run, "identify", stated, stated.with_name("log.csv"), "--estimator", estimator)
+        found = result(
+            run, "identify", stated, stated.with_name("log.csv"), "--estimator", estimator
+        )
         for row in found["base_parameters"]:
-            assert abs(row["value"] - row["urdf"]) < 4 * row["std"] + 1e-4 * abs(row["urdf"]) + 1e-6, row
+            assert (
+                abs(row["value"] - row["urdf"]) < 4 * row["std"] + 1e-4 * abs(row["urdf"]) + 1e-6
+            ), row
 
 
 def test_nothing_is_missing_where_the_rotor_is_stated(stated: Path, run: Run) -> None:
     found = result(run, "diagnose", stated, stated.with_name("log.csv"))
     assert (found["verdict"], found["findings"]) == ("nothing", [])
     for joint, stated_inertia in zip(("pan", "tilt"), ARMATURE[stated.name]):
-        hidden = [one for one in found["untestable"] if (one["cause"], one["joint"]) == ("armature", joint)]
+        hidden = [
+            one
+            for one in found["untestable"]
+            if (one["cause"], one["joint"]) == ("armature", joint)
+        ]
         assert not (stated_inertia and hidden)
 
 
-def test_a_motion_shows_as_much_with_a_stated_rotor_as_without(stated: Path, run: Run, tmp_path: Path) -> None:
+def test_a_motion_shows_as_much_with_a_stated_rotor_as_without(
+    stated: Path, run: Run, tmp_path: Path
+) -> None:
     rig = Rig.load(stated)
     one, other = (excite(x, seconds=12.0, starts=1, rng=0) for x in (rig, drop_rotors(rig)))
     assert one.condition_number < 1.2 * other.condition_number
@@ -147,7 +163,9 @@ WRONG = {
 
 
 @pytest.mark.parametrize("kind", WRONG)
-def test_a_rotor_larger_than_all_inertia_is_refused_by_its_name(kind: str, run: Run, tmp_path: Path) -> None:
+def test_a_rotor_larger_than_all_inertia_is_refused_by_its_name(
+    kind: str, run: Run, tmp_path: Path
+) -> None:
     (tmp_path / "rig.yaml").write_text(f"urdf: turret\nmotors:\n  {WRONG[kind]}\n")
     log = tmp_path / "log.csv"
     write_log(prescribed(nominal(Rig.load("turret")), 1, 8.0, 1e-3, 2e-3), log)
@@ -156,6 +174,8 @@ def test_a_rotor_larger_than_all_inertia_is_refused_by_its_name(kind: str, run: 
     assert "--map" not in said[2]
 
 
-def test_a_torque_of_the_wrong_sign_is_refused_beside_a_stated_rotor(stated: Path, run: Run) -> None:
+def test_a_torque_of_the_wrong_sign_is_refused_beside_a_stated_rotor(
+    stated: Path, run: Run
+) -> None:
     said = run("identify", stated, stated.with_name("log.csv"), "--map", "tau_pan=-tau_pan")
     refused(said, 2, "tau_pan has the wrong sign")

@@ -26,7 +26,12 @@ from gimbal_pin.log import write_yaml
 from gimbal_pin.rig import Rig
 
 DT = 0.001
-LINEAR = [Delay("pan", 0.0), Delay("pan", 0.0034), ActuatorLag("pan", 0.005), JointFlexibility("pan", 25.0, 0.1, 0.3)]
+LINEAR = [
+    Delay("pan", 0.0),
+    Delay("pan", 0.0034),
+    ActuatorLag("pan", 0.005),
+    JointFlexibility("pan", 25.0, 0.1, 0.3),
+]
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +58,9 @@ def test_matrices_do_what_the_steps_do(signal: Signal) -> None:
         assert told == pytest.approx(acts, abs=1e-12)
 
 
-@pytest.mark.parametrize("signal, late", [(Delay("pan", 0.0034), 0.0034), (ActuatorLag("pan", 0.005), 0.005)])
+@pytest.mark.parametrize(
+    "signal, late", [(Delay("pan", 0.0034), 0.0034), (ActuatorLag("pan", 0.005), 0.005)]
+)
 def test_a_drive_is_as_late_as_it_says(signal: Signal, late: float) -> None:
     assert signal.late(DT) == pytest.approx(late, rel=1e-6)
 
@@ -115,19 +122,33 @@ def test_the_law_asks_for_the_models_own_torque(rig: Rig, texts: tuple[str, ...]
     for seed in range(4):
         q, v, a = np.random.default_rng(seed).uniform(0.2, 1.0, (3, 2))
         wanted = model.inverse(q[None], v[None], a[None])[0]
-        assert law.inverse(0.0, q, v, a.tolist(), v.tolist()) == pytest.approx(wanted.tolist(), rel=1e-9)
+        assert law.inverse(0.0, q, v, a.tolist(), v.tolist()) == pytest.approx(
+            wanted.tolist(), rel=1e-9
+        )
 
 
 @pytest.fixture(scope="module")
 def found(rig: Rig) -> Model:
     """A model with a cause of every kind, and with an uncertainty."""
-    texts = "cogging:pan:amplitude=0.05,harmonic=12", "delay:tilt:time=0.004", "dead-zone:pan:width=0.02"
+    texts = (
+        "cogging:pan:amplitude=0.05,harmonic=12",
+        "delay:tilt:time=0.004",
+        "dead-zone:pan:width=0.02",
+    )
     model = with_causes(rig, *texts)
-    changes = tuple(parse_effect(text, rig) for text in ("base-tilt:roll=0.2", "encoder-offset:tilt:offset=0.1"))
+    changes = tuple(
+        parse_effect(text, rig) for text in ("base-tilt:roll=0.2", "encoder-offset:tilt:offset=0.1")
+    )
     turned = rig
     for change in changes:
         turned = change.apply(turned)
-    known = Estimated(("a", "b"), ("kg", "N m"), np.array([1.0, 2.0]), np.array([[4.0, 1.0], [1.0, 9.0]]), dt=0.002)
+    known = Estimated(
+        ("a", "b"),
+        ("kg", "N m"),
+        np.array([1.0, 2.0]),
+        np.array([[4.0, 1.0], [1.0, 9.0]]),
+        dt=0.002,
+    )
     return replace(model, rig=turned, changes=changes, estimated=known)
 
 
@@ -151,14 +172,21 @@ def test_a_controller_keeps_what_it_compensates(rig: Rig, found: Model, tmp_path
     q = np.array([0.3, 0.2])
     v = np.array([0.1, -0.4])
     y = [1.0, -2.0]
-    assert back.inverse(0.0, q, v, y, v.tolist()) == pytest.approx(law.inverse(0.0, q, v, y, v.tolist()))
+    assert back.inverse(0.0, q, v, y, v.tolist()) == pytest.approx(
+        law.inverse(0.0, q, v, y, v.tolist())
+    )
 
 
-def test_a_file_whose_drive_holds_a_torque_effect_is_refused(rig: Rig, found: Model, tmp_path: Path) -> None:
+def test_a_file_whose_drive_holds_a_torque_effect_is_refused(
+    rig: Rig, found: Model, tmp_path: Path
+) -> None:
     data = {**found.to_dict(), "drive": [CableSpring("pan").to_dict()]}
     with pytest.raises(ModelError, match="belongs to the terms"):
         read_model_data(data, rig)
     kind = {"kind": "gimbal_pin model", "joints": list(rig.joints)}
-    write_yaml({**kind, **data, "drive": [{"effect": "delay", "joint": "nowhere", "time": 0.1}]}, tmp_path / "x.yaml")
+    write_yaml(
+        {**kind, **data, "drive": [{"effect": "delay", "joint": "nowhere", "time": 0.1}]},
+        tmp_path / "x.yaml",
+    )
     with pytest.raises(Exception, match="nowhere"):
         read_model(tmp_path / "x.yaml", rig)

@@ -94,13 +94,17 @@ def hold(q: Array, seconds: float) -> Motion:
 
 def run(plant: Model, law: Controller, motion: Motion, start: State, delay: int = 1) -> Any:
     rng = np.random.default_rng(0)
-    return simulate(plant, law, motion, rng=rng, sensors=Sensors.exact(plant.rig.n), delay=delay, start=start)
+    return simulate(
+        plant, law, motion, rng=rng, sensors=Sensors.exact(plant.rig.n), delay=delay, start=start
+    )
 
 
 def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Reference, LawMemory]:
     q = rng.uniform(-0.7, 0.7, n)
     v = rng.uniform(-2, 2, n)
-    reference = Reference(q + 0.05 * rng.standard_normal(n), v + rng.standard_normal(n), 5 * rng.standard_normal(n))
+    reference = Reference(
+        q + 0.05 * rng.standard_normal(n), v + rng.standard_normal(n), 5 * rng.standard_normal(n)
+    )
     return q, v, reference, LawMemory(tuple((0.01 * rng.standard_normal(n)).tolist()))
 
 
@@ -110,7 +114,12 @@ def test_exact_model_leaves_the_sampled_double_integrator(delay: int) -> None:
     rig = weightless(unlimited("turret", "none"))
     locked = pin.buildReducedModel(rig.model, [1], np.zeros(2))
     single = replace(
-        rig, model=locked, joints=rig.joints[1:], links=rig.links[1:], motors=(Motor(),), limits=(Limits(),)
+        rig,
+        model=locked,
+        joints=rig.joints[1:],
+        links=rig.links[1:],
+        motors=(Motor(),),
+        limits=(Limits(),),
     )
     plant = frictionless(single)
     law = ComputedTorque(plant, (GAINS,), DT)
@@ -127,7 +136,9 @@ def test_small_errors_of_all_joints_follow_the_same_linear_loop(name: str) -> No
     goal = np.full(n, 0.4)
     offset = 1e-4 * np.array([1.0, -2.0, 1.5])[:n]
     log = run(plant, law, hold(goal, 0.3), State(goal + offset, np.zeros(n)), delay=1)
-    np.testing.assert_allclose(log.q - goal, np.outer(linear(1.0, DT, len(log)), offset), atol=1e-3 * 1e-4)
+    np.testing.assert_allclose(
+        log.q - goal, np.outer(linear(1.0, DT, len(log)), offset), atol=1e-3 * 1e-4
+    )
 
 
 def test_computed_torque_is_the_models_inverse_on_the_reference() -> None:
@@ -140,7 +151,9 @@ def test_computed_torque_is_the_models_inverse_on_the_reference() -> None:
         v = rng.uniform(-2, 2, 3)
         a = rng.uniform(-20, 20, 3)
         tau, _ = law.torque(0.0, q, v, Reference(q, v, a), law.start())
-        np.testing.assert_allclose(tau, model.inverse(q[None], v[None], a[None])[0], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(
+            tau, model.inverse(q[None], v[None], a[None])[0], rtol=1e-12, atol=1e-12
+        )
 
 
 def test_dry_friction_is_compensated_in_the_references_direction_only() -> None:
@@ -149,7 +162,11 @@ def test_dry_friction_is_compensated_in_the_references_direction_only() -> None:
     law, bare = (ComputedTorque(each, (GAINS,) * 2, DT) for each in (model, frictionless(rig)))
     q = np.array([0.1, 0.2])
     v = np.array([-0.3, 1e-5])
-    for rate, dry in (([1.0, -1.0], [0.5, -0.5]), ([5e-4, -5e-4], [0.0, 0.0]), ([0.0, 0.1], [0.0, 0.5])):
+    for rate, dry in (
+        ([1.0, -1.0], [0.5, -0.5]),
+        ([5e-4, -5e-4], [0.0, 0.0]),
+        ([0.0, 0.1], [0.0, 0.5]),
+    ):
         reference = Reference(q, np.array(rate), np.zeros(2))
         got, without = (each.torque(0.0, q, v, reference, each.start())[0] for each in (law, bare))
         np.testing.assert_allclose(got - without, dry, atol=1e-12)
@@ -162,7 +179,9 @@ def test_feed_forward_leads_a_ramp_of_acceleration_exactly() -> None:
     zero = np.zeros(2)
     memory = law.start()
     for k in range(3):
-        tau, memory = law.torque(0.0, zero, zero, Reference(zero, zero, np.full(2, 7.0 * k * DT)), memory)
+        tau, memory = law.torque(
+            0.0, zero, zero, Reference(zero, zero, np.full(2, 7.0 * k * DT)), memory
+        )
     expected = model.inverse(zero[None], zero[None], np.full((1, 2), 7.0 * (2 * DT + 0.0035)))[0]
     np.testing.assert_allclose(tau, expected, rtol=1e-12)
 
@@ -181,13 +200,17 @@ def test_torque_never_exceeds_the_limit(seed: int, limit: float) -> None:
     for law in laws:
         tau, _ = law.torque(0.0, q, v, reference, memory)
         assert (np.abs(tau) <= tight.tau_max).all() and np.isfinite(tau).all()
-        assert (law.torque(0.0, q, v, reference, memory)[0] == tau).all()  # pure: the same memory, the same torque
+        assert (
+            law.torque(0.0, q, v, reference, memory)[0] == tau
+        ).all()  # pure: the same memory, the same torque
 
 
 def test_pid_is_the_textbook_formula() -> None:
     law = JointPid((Pid(100.0, 50.0, 20.0), Pid(10.0, 0.0, 1.0)), (2.0, 3.0), (inf, inf), 0.01)
     reference = Reference(np.array([0.3, 0.0]), np.array([1.0, -1.0]), np.array([9.0, 9.0]))
-    tau, memory = law.torque(0.0, np.array([0.1, 0.2]), np.zeros(2), reference, LawMemory((0.5, 0.0)))
+    tau, memory = law.torque(
+        0.0, np.array([0.1, 0.2]), np.zeros(2), reference, LawMemory((0.5, 0.0))
+    )
     np.testing.assert_allclose(tau, [2 * (100 * 0.2 + 50 * 0.502 + 20), 3 * (-2.0 - 1.0)])
     np.testing.assert_allclose(memory.integral, [0.502, -0.002])
 
@@ -205,7 +228,9 @@ class Winding:
     def start(self) -> LawMemory:
         return self.law.start()
 
-    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory) -> tuple[Array, LawMemory]:
+    def torque(
+        self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory
+    ) -> tuple[Array, LawMemory]:
         tau, after = self.law.torque(t, q, v, reference, memory)
         wound = tuple(s + self.dt * e for s, e in zip(memory.integral, (reference.q - q).tolist()))
         return tau, after._replace(integral=wound)
@@ -240,11 +265,18 @@ def test_conditional_integration_limits_the_overshoot_of_a_raw_step(kind: str) -
 @pytest.mark.parametrize("kind", ["computed-torque", "pid"])
 def test_an_approach_that_the_motor_can_brake_does_not_overshoot(kind: str) -> None:
     law, plant, goal = pan_step(kind)
-    assert overshoot(replace(law, braking=braking(plant)), plant, goal) < 2 < 10 < overshoot(law, plant, goal)
+    assert (
+        overshoot(replace(law, braking=braking(plant)), plant, goal)
+        < 2
+        < 10
+        < overshoot(law, plant, goal)
+    )
 
 
 @given(st.floats(0.5, 40), st.floats(-2, 2))
-def test_approach_meets_the_linear_loop_in_value_and_slope(deceleration: float, error: float) -> None:
+def test_approach_meets_the_linear_loop_in_value_and_slope(
+    deceleration: float, error: float
+) -> None:
     """Beyond the knee the pull is that of the parabola v² = 2 a (e - e0/2); at the knee nothing jumps."""
     outer = Outer((GAINS,), (inf,), (deceleration,))
     knee = deceleration * (GAINS.kd / GAINS.kp) ** 2
@@ -262,7 +294,9 @@ def test_approach_meets_the_linear_loop_in_value_and_slope(deceleration: float, 
 
 
 @given(st.floats(-5, 5), st.floats(-1, 1))
-def test_integral_stops_only_further_into_the_limit_or_far_away(torque: float, error: float) -> None:
+def test_integral_stops_only_further_into_the_limit_or_far_away(
+    torque: float, error: float
+) -> None:
     outer = Outer((GAINS,), (2.0,), (500.0,))
     far = 500.0 * (GAINS.kd / GAINS.kp) ** 2
     (kept,) = outer.integrated([0.0], [0.001 * error], [error], [torque])
@@ -302,7 +336,9 @@ def perturbed(rig: Rig, rng: np.random.Generator) -> Rig:
     return rig.with_phi(rig.phi * np.repeat(rng.uniform(0.9, 1.1, rig.n), 10))
 
 
-def decay(law: ComputedTorque, plant: Rig, state: tuple[Array, Array, Reference, LawMemory]) -> tuple[float, float]:
+def decay(
+    law: ComputedTorque, plant: Rig, state: tuple[Array, Array, Reference, LawMemory]
+) -> tuple[float, float]:
     """Return V̇ along the true plant, and gain ‖z‖ - ρ: positive outside the boundary layer."""
     q, v, reference, memory = state
     assert law.robust is not None
@@ -315,7 +351,9 @@ def decay(law: ComputedTorque, plant: Rig, state: tuple[Array, Array, Reference,
     z = np.einsum("ij,ij->i", P[:, 2], xi)
     feedback = [g.ki * x[0] + g.kp * x[1] + g.kd * x[2] for g, x in zip(law.gains, xi)]
     rho = law.robust.size(reference.a.tolist(), feedback)
-    return 2 * float(np.einsum("ij,ijk,ik->", xi, P, slope)), law.robust.gain * float(np.linalg.norm(z)) - rho
+    return 2 * float(np.einsum("ij,ijk,ik->", xi, P, slope)), law.robust.gain * float(
+        np.linalg.norm(z)
+    ) - rho
 
 
 @pytest.mark.parametrize("name", ["drone", "turret"])
@@ -329,7 +367,9 @@ def test_v_decreases_outside_the_boundary_layer_of_a_wrong_model(name: str) -> N
         plant = perturbed(rig, rng)
         state = random_state(rng, rig.n)
         known = holding(model, frictionless(plant), state)
-        law = ComputedTorque(model, (GAINS,) * rig.n, DT, robust=Robust(lyapunov((GAINS,) * rig.n), known, 50.0))
+        law = ComputedTorque(
+            model, (GAINS,) * rig.n, DT, robust=Robust(lyapunov((GAINS,) * rig.n), known, 50.0)
+        )
         slope, distance = decay(law, plant, state)
         if distance > 0:
             outside += 1
@@ -337,7 +377,9 @@ def test_v_decreases_outside_the_boundary_layer_of_a_wrong_model(name: str) -> N
     assert outside > 100
 
 
-def holding(model: Model, plant: Model, state: tuple[Array, Array, Reference, LawMemory]) -> ModelErrorBounds:
+def holding(
+    model: Model, plant: Model, state: tuple[Array, Array, Reference, LawMemory]
+) -> ModelErrorBounds:
     """Bounds that are just met at one state."""
     q = state[0][None]
     v = state[1][None]
@@ -346,7 +388,9 @@ def holding(model: Model, plant: Model, state: tuple[Array, Array, Reference, La
     alpha = np.linalg.norm(np.eye(len(true)) - np.linalg.solve(true, believed), 2)
     rest = np.linalg.norm(model.inverse(q, v, 0 * q) - plant.inverse(q, v, 0 * q))
     largest = 1 / np.linalg.eigvalsh(true)[0]
-    return ModelErrorBounds(float(alpha) * 1.001, float(rest) * 1.001, float(largest), "this state's own")
+    return ModelErrorBounds(
+        float(alpha) * 1.001, float(rest) * 1.001, float(largest), "this state's own"
+    )
 
 
 def test_without_the_redesign_a_wrong_model_can_make_v_grow() -> None:
@@ -357,10 +401,18 @@ def test_without_the_redesign_a_wrong_model_can_make_v_grow() -> None:
     grew = 0
     for _ in range(200):
         q = rng.uniform(-0.7, 0.7, 3)
-        state = (q, np.zeros(3), Reference(q + 1e-5 * rng.standard_normal(3), np.zeros(3), np.zeros(3)), plain.start())
+        state = (
+            q,
+            np.zeros(3),
+            Reference(q + 1e-5 * rng.standard_normal(3), np.zeros(3), np.zeros(3)),
+            plain.start(),
+        )
         plant = perturbed(rig, rng)
         law = replace(
-            plain, robust=Robust(lyapunov(plain.gains), holding(plain.model, frictionless(plant), state), 1e-9)
+            plain,
+            robust=Robust(
+                lyapunov(plain.gains), holding(plain.model, frictionless(plant), state), 1e-9
+            ),
         )
         grew += decay(law, plant, state)[0] > 0
     assert grew > 50
@@ -373,7 +425,10 @@ def test_inside_the_layer_the_redesign_is_exactly_more_pid() -> None:
     r = [-1e-4, 2e-4]
     more = [stiffened(GAINS, row, 0.7) for row in law.rows]
     w = law.correction(s, e, r, [0.0, 0.0], [0.0, 0.0])
-    extra = [(m.kp - GAINS.kp) * x + (m.ki - GAINS.ki) * i + (m.kd - GAINS.kd) * y for m, i, x, y in zip(more, s, e, r)]
+    extra = [
+        (m.kp - GAINS.kp) * x + (m.ki - GAINS.ki) * i + (m.kd - GAINS.kd) * y
+        for m, i, x, y in zip(more, s, e, r)
+    ]
     np.testing.assert_allclose(w, extra, rtol=1e-9)
 
 
@@ -402,11 +457,15 @@ def identified(rig: Rig, std: dict[str, float]) -> Model:
     reduction = reduce_parameters(rig)
     model = nominal(rig)
     names = reduction.base_names + tuple(
-        f"{term.effect.joint}.{coefficient.name}" for term in model.terms for coefficient in term.effect.coefficients
+        f"{term.effect.joint}.{coefficient.name}"
+        for term in model.terms
+        for coefficient in term.effect.coefficients
     )
     assert set(std) <= set(names)
     spread = np.diag([std.get(name, 0.0) ** 2 for name in names])
-    return replace(model, estimated=Estimated(names, ("",) * len(names), np.zeros(len(names)), spread))
+    return replace(
+        model, estimated=Estimated(names, ("",) * len(names), np.zeros(len(names)), spread)
+    )
 
 
 def test_certainty_leaves_no_bounds() -> None:
@@ -432,8 +491,14 @@ def test_inertia_uncertainty_is_alpha_as_by_hand() -> None:
     alone = np.zeros((2, 2))
     alone[0, 0] = 1.0
     delta = 0.02
-    expected = max(np.linalg.norm(np.linalg.solve(each + 1.96 * delta * alone, each) - np.eye(2), 2) for each in D)
-    other = max(np.linalg.norm(np.linalg.solve(each - 1.96 * delta * alone, each) - np.eye(2), 2) for each in D)
+    expected = max(
+        np.linalg.norm(np.linalg.solve(each + 1.96 * delta * alone, each) - np.eye(2), 2)
+        for each in D
+    )
+    other = max(
+        np.linalg.norm(np.linalg.solve(each - 1.96 * delta * alone, each) - np.eye(2), 2)
+        for each in D
+    )
     found = bounds(identified(rig, {leading: delta}), np.random.default_rng(0))
     assert 0.75 * expected < found.alpha < 1.25 * other
 

@@ -48,7 +48,9 @@ def known(share: float, name: str = "turret") -> Model:
     root = np.zeros((len(names), len(names)))
     mix = np.random.default_rng(1).standard_normal((len(size), len(size)))
     root[len(size) :, len(size) :] = 1e-9 * np.eye(len(names) - len(size))  # no estimate is exact
-    root[: len(size), : len(size)] = share * size[:, None] * mix / np.linalg.norm(mix, axis=1)[:, None]
+    root[: len(size), : len(size)] = (
+        share * size[:, None] * mix / np.linalg.norm(mix, axis=1)[:, None]
+    )
     estimated = Estimated(names, ("",) * len(names), np.zeros(len(names)), root @ root.T)
     return replace(model, estimated=estimated, drive=(ActuatorLag(rig.joints[-1], 0.002),))
 
@@ -61,18 +63,28 @@ def model() -> Model:
 def by_hand(gains: Pid, samples: int) -> float:
     """Least 2 |1 + L|/|1 - L| of a PID around the held double integrator, from its z-transform."""
     z = np.exp(1j * DT * np.geomspace(0.01 * gains.kp**0.5, np.pi / DT, 4000))
-    law = (gains.kp + gains.ki * DT * z / (z - 1)) * DT**2 / 2 * (z + 1) / (z - 1) ** 2 + gains.kd * DT / (z - 1)
+    law = (gains.kp + gains.ki * DT * z / (z - 1)) * DT**2 / 2 * (z + 1) / (
+        z - 1
+    ) ** 2 + gains.kd * DT / (z - 1)
     loop = law * z**-samples
     return float((2 * np.abs(1 + loop) / np.abs(1 - loop)).min())
 
 
 @given(st.floats(0.3, 1.1), st.integers(0, 6), st.floats(0.8, 1.5), st.floats(0.0, 0.2))
 @settings(max_examples=8)
-def test_the_search_is_exact_to_one_per_cent(margin: float, samples: int, damping: float, integral: float) -> None:
+def test_the_search_is_exact_to_one_per_cent(
+    margin: float, samples: int, damping: float, integral: float
+) -> None:
     """Against root finding on the margin by hand."""
-    found = lowered(inf, Wish(None, damping, samples * DT, DT, integral=integral, disk_margin=margin), (1.0,))
+    found = lowered(
+        inf, Wish(None, damping, samples * DT, DT, integral=integral, disk_margin=margin), (1.0,)
+    )
     assert found is not None
-    exact = brentq(lambda hz: by_hand(Pid.placed(hz, damping, integral), samples) - margin, 0.7 * found, 1.4 * found)
+    exact = brentq(
+        lambda hz: by_hand(Pid.placed(hz, damping, integral), samples) - margin,
+        0.7 * found,
+        1.4 * found,
+    )
     assert found <= exact * 1.0005 and found > 0.99 * exact
 
 
@@ -91,9 +103,14 @@ def test_more_margin_or_delay_never_gives_more_bandwidth(
     drive: tuple[Signal, ...], delay: float, margin: float, more: float, further: float
 ) -> None:
     def highest(delay: float, margin: float) -> float:
-        return lowered(inf, Wish(None, 1.0, delay, DT, disk_margin=margin), (0.9, 1.0, 1.1), drive) or 0.0
+        return (
+            lowered(inf, Wish(None, 1.0, delay, DT, disk_margin=margin), (0.9, 1.0, 1.1), drive)
+            or 0.0
+        )
 
-    if not any(isinstance(signal, JointFlexibility) for signal in drive):  # a resonance may gain by a later phase
+    if not any(
+        isinstance(signal, JointFlexibility) for signal in drive
+    ):  # a resonance may gain by a later phase
         assert highest(delay + more, margin) <= highest(delay, margin)
     assert highest(delay, margin + further) <= highest(delay, margin)
 
@@ -115,7 +132,12 @@ def test_more_uncertainty_never_gives_a_larger_worst_margin_or_more_bandwidth(ki
     models = [known(share) for share in (0.0, 0.05, 0.2)]
     fixed = [tune(model, bandwidth_hz=8.0, kind=kind) for model in models]
     wish = Wish(disk_margin=0.7, kind=kind)
-    asked = np.array([[lowered(inf, wish, *row) for row in zip(f.ratios, m.drives)] for f, m in zip(fixed, models)])
+    asked = np.array(
+        [
+            [lowered(inf, wish, *row) for row in zip(f.ratios, m.drives)]
+            for f, m in zip(fixed, models)
+        ]
+    )
     disks = np.array([[row.disk_margin for row in tuning.worst] for tuning in fixed])
     crossovers = np.array([[row.crossover_hz for row in tuning.worst] for tuning in fixed])
     assert all(tuning.bandwidth_hz == (8.0, 8.0) for tuning in fixed)
@@ -162,16 +184,22 @@ def test_the_worst_is_that_of_every_drawn_rig(model: Model, turned: Array, kind:
         assert lowest >= least.disk_margin * (1 - 1e-6)
         if kind == "computed-torque":  # a PID's poses are more, and may be worse
             assert lowest == pytest.approx(least.disk_margin, rel=1e-6)
-            assert least.crossover_hz == pytest.approx(compute_margins(pid, DT, 0.001, every.max(), drive).crossover_hz)
+            assert least.crossover_hz == pytest.approx(
+                compute_margins(pid, DT, 0.001, every.max(), drive).crossover_hz
+            )
 
 
 def test_a_clock_twice_as_slow_halves_the_bandwidth() -> None:
     """Hz are per second, margins have no unit: all times doubled, the same loop."""
     plain = nominal(Rig.load("turret"))
-    fast, slow = (tune(plain, disk_margin=0.9, delay=scale * 0.0015, dt=scale * DT) for scale in (1, 2))
+    fast, slow = (
+        tune(plain, disk_margin=0.9, delay=scale * 0.0015, dt=scale * DT) for scale in (1, 2)
+    )
     assert slow.bandwidth_hz == pytest.approx([hz / 2 for hz in fast.bandwidth_hz])
     for a, b in zip(fast.worst, slow.worst):
-        assert (a.disk_margin, a.phase_margin_deg) == pytest.approx((b.disk_margin, b.phase_margin_deg), rel=1e-6)
+        assert (a.disk_margin, a.phase_margin_deg) == pytest.approx(
+            (b.disk_margin, b.phase_margin_deg), rel=1e-6
+        )
         assert a.crossover_hz == pytest.approx(2 * b.crossover_hz, rel=1e-6)
     light = Model(plain.rig.with_phi(plain.rig.phi / 7), plain.terms)
     assert tune(light, disk_margin=0.9, delay=0.0015).gains == fast.gains
@@ -181,16 +209,24 @@ def test_the_other_wishes_are_kept(model: Model) -> None:
     tuning = tune(model, disk_margin=1.0, delay=0.002)
     slower = tuning.with_(bandwidth_hz=2.0)
     faster = tuning.with_(bandwidth_hz=80.0)
-    assert slower.bandwidth_hz == (2.0, 2.0) and slower.wish == replace(tuning.wish, bandwidth_hz=2.0)
-    assert faster.bandwidth_hz == tuning.bandwidth_hz and faster.reasons[0].kind is ReasonKind.LOWERED
+    assert slower.bandwidth_hz == (2.0, 2.0) and slower.wish == replace(
+        tuning.wish, bandwidth_hz=2.0
+    )
+    assert (
+        faster.bandwidth_hz == tuning.bandwidth_hz and faster.reasons[0].kind is ReasonKind.LOWERED
+    )
     assert any("highest that keeps a disk margin of 1 " in str(reason) for reason in tuning.reasons)
     late = tuning.with_(delay=0.004)
-    assert late.wish.disk_margin == 1.0 and all(a < b for a, b in zip(late.bandwidth_hz, tuning.bandwidth_hz))
+    assert late.wish.disk_margin == 1.0 and all(
+        a < b for a, b in zip(late.bandwidth_hz, tuning.bandwidth_hz)
+    )
 
 
 def test_redesign_leaves_its_share_and_keeps_the_margin(model: Model) -> None:
     tuning = tune(model, disk_margin=0.9, robust=True)
-    assert tuning.robust is not None and min(row.disk_margin for row in tuning.worst) == pytest.approx(0.9, abs=0.02)
+    assert tuning.robust is not None and min(
+        row.disk_margin for row in tuning.worst
+    ) == pytest.approx(0.9, abs=0.02)
     assert all(row.disk_margin >= 0.9 * (1 - 1e-9) for row in tuning.worst)
 
 
@@ -212,18 +248,26 @@ def test_a_loop_is_doubted_where_half_the_inertia_is_possible(kind: str) -> None
     sure = tune(known(0.02), kind=kind)
     unsure = tune(known(1.0), kind=kind)
     assert sure.doubts == () and sure.to_dict()["doubts"] == []
-    assert unsure.doubts and show_controller(unsure).to_text().startswith(f"Warning\n  {unsure.doubts[0]}")
+    assert unsure.doubts and show_controller(unsure).to_text().startswith(
+        f"Warning\n  {unsure.doubts[0]}"
+    )
     gains = draw_inertia_ratios(unsure.model, kind, np.random.default_rng(0))
     assert gains is not None
     doubted = {joint for line in unsure.doubts for joint in line.split(": ")[0].split(", ")}
-    assert doubted == {joint for joint, (_, _, most) in zip(unsure.model.rig.joints, gains) if most >= 2}
+    assert doubted == {
+        joint for joint, (_, _, most) in zip(unsure.model.rig.joints, gains) if most >= 2
+    }
 
 
 def test_it_is_told_in_json_and_text(model: Model) -> None:
     tuning = tune(model, disk_margin=1.0)
     plain = tune(nominal(model.rig), disk_margin=1.0)
     data = json.loads(json.dumps(tuning.to_dict(), allow_nan=False))
-    assert data["draws"] == 200 and data["wish"]["disk_margin"] == 1.0 and data["wish"]["bandwidth_hz"] is None
+    assert (
+        data["draws"] == 200
+        and data["wish"]["disk_margin"] == 1.0
+        and data["wish"]["bandwidth_hz"] is None
+    )
     for found, row in zip(tuning.worst, data["joints"].values()):
         assert row["worst_of_draws"]["disk_margin"] == found.disk_margin
         assert {"phase_margin_deg", "crossover_hz"} <= set(row["worst_of_draws"])
@@ -231,7 +275,9 @@ def test_it_is_told_in_json_and_text(model: Model) -> None:
     assert "worst of 200 draws" in show_controller(tuning).to_text()
     assert "worst of 200" not in show_controller(plain).to_text()
     rows = plain.to_dict()
-    assert rows["draws"] == 0 and all(row["worst_of_draws"] is None for row in rows["joints"].values())
+    assert rows["draws"] == 0 and all(
+        row["worst_of_draws"] is None for row in rows["joints"].values()
+    )
     assert draw_inertia_ratios(plain.model, "pid", np.random.default_rng(0)) is None
 
 
@@ -242,4 +288,8 @@ def test_plot_keeps_every_draw_off_the_disk(model: Model) -> None:
     radius = np.ptp(edge[:, 0]) / 2
     lines = [np.array(line.get_data(), dtype=float) for line in nyquist.get_lines()[:-1]]
     nearest = [np.hypot(*(line - np.array([[centre[0]], [0.0]]))).min() for line in lines]
-    assert len(lines) == 6 and min(nearest) == pytest.approx(radius, rel=0.02) and min(nearest) > 0.98 * radius
+    assert (
+        len(lines) == 6
+        and min(nearest) == pytest.approx(radius, rel=0.02)
+        and min(nearest) > 0.98 * radius
+    )

@@ -33,7 +33,12 @@ def test_every_unit_gives_the_torque_of_the_pid(
     found = convert_gains(gains, inertia, motor)
     constant = motor.torque_constant
     turns = abs(motor.gear_ratio)
-    assert constant is not None and found.current is not None and found.count is not None and found.odrive is not None
+    assert (
+        constant is not None
+        and found.current is not None
+        and found.count is not None
+        and found.odrive is not None
+    )
 
     def torque(law: Pid, per_rad: float) -> float:
         """Of a PID that sees the joint's error times so much."""
@@ -47,16 +52,22 @@ def test_every_unit_gives_the_torque_of_the_pid(
     assert constant * torque(found.count, 1 / motor.encoder_step) == same
     shaft = turns / (2 * pi) * e
     slip = found.odrive.pos_gain * shaft + shaft.deriv()
-    given_back = found.odrive.vel_gain * slip(t) + found.odrive.vel_integrator_gain * slip.integ()(t)
+    given_back = found.odrive.vel_gain * slip(t) + found.odrive.vel_integrator_gain * slip.integ()(
+        t
+    )
     assert turns * given_back == same
     assert found.odrive.torque_constant * turns == pytest.approx(constant)
 
 
 @given(GAINS, INERTIA, MOTORS, st.floats(0.1, 10))
-def test_constants_scale_what_they_are_in(gains: Pid, inertia: float, motor: Motor, factor: float) -> None:
+def test_constants_scale_what_they_are_in(
+    gains: Pid, inertia: float, motor: Motor, factor: float
+) -> None:
     assert motor.torque_constant is not None
     plain = convert_gains(gains, inertia, motor)
-    stronger = convert_gains(gains, inertia, replace(motor, torque_constant=factor * motor.torque_constant))
+    stronger = convert_gains(
+        gains, inertia, replace(motor, torque_constant=factor * motor.torque_constant)
+    )
     geared = convert_gains(gains, inertia, replace(motor, gear_ratio=factor * motor.gear_ratio))
     heavier = convert_gains(gains, factor * inertia, motor)
     assert plain.current and stronger.current and geared.current and heavier.current
@@ -82,11 +93,15 @@ def test_what_no_cascade_can_do_is_said() -> None:
 def test_only_units_whose_constants_are_known() -> None:
     rig = Rig.load("turret")
     bare = replace(rig, motors=tuple(replace(motor, torque_constant=None) for motor in rig.motors))
-    known, unknown = (show_controller(tune(nominal(one), kind="pid")).to_text() for one in (rig, bare))
+    known, unknown = (
+        show_controller(tune(nominal(one), kind="pid")).to_text() for one in (rig, bare)
+    )
     units = ("KP, A/rad", "KP, A/count", "ODrive")
     assert "KP, N m/rad" in known and all(unit in known for unit in units)
     assert "KP, N m/rad" in unknown and not any(unit in unknown for unit in units)
-    uncounted = replace(rig, motors=tuple(replace(motor, encoder_bits=None) for motor in rig.motors))
+    uncounted = replace(
+        rig, motors=tuple(replace(motor, encoder_bits=None) for motor in rig.motors)
+    )
     said = show_controller(tune(nominal(uncounted), kind="pid")).to_text()
     assert "A/rad" in said and "A/count" not in said
 

@@ -26,9 +26,14 @@ def known(share: float, name: str = "turret") -> Model:
     rig = Rig.load(name)
     reduction = reduce_parameters(rig)
     model = nominal(rig)
-    values = np.array([*rig.phi[find_base_columns(rig, reduction)], *(x for t in model.terms for x in t.values)])
+    values = np.array(
+        [*rig.phi[find_base_columns(rig, reduction)], *(x for t in model.terms for x in t.values)]
+    )
     names = (*reduction.base_names, *(f"{t.effect.joint}.{t.effect.name}" for t in model.terms))
-    return replace(model, estimated=Estimated(names, ("",) * len(names), values, np.diag((share * values) ** 2)))
+    return replace(
+        model,
+        estimated=Estimated(names, ("",) * len(names), values, np.diag((share * values) ** 2)),
+    )
 
 
 def test_without_doubt_and_noise_every_plant_is_the_single_simulation() -> None:
@@ -41,12 +46,17 @@ def test_without_doubt_and_noise_every_plant_is_the_single_simulation() -> None:
     for name, law in laws.items():
         log = simulate(model, law, reference, rng=0, sensors=exact, delay=0)
         error = (reference.q - log.q)[reference.t >= 0.5 - DT / 2]
-        np.testing.assert_allclose(found.errors[name], np.sqrt(np.mean(error**2, axis=0))[None].repeat(2, 0), rtol=1e-9)
+        np.testing.assert_allclose(
+            found.errors[name], np.sqrt(np.mean(error**2, axis=0))[None].repeat(2, 0), rtol=1e-9
+        )
 
 
 def test_more_doubt_never_lowers_the_worst_error() -> None:
     laws = pair_rivals(tune(known(0.0), dt=DT).stored)
-    each = [judge_controllers(known(share), laws, rng=1, plants=6, sensors=Sensors.exact(2)) for share in (0, 0.1, 0.3)]
+    each = [
+        judge_controllers(known(share), laws, rng=1, plants=6, sensors=Sensors.exact(2))
+        for share in (0, 0.1, 0.3)
+    ]
     worst = [found.errors["computed-torque"].max(axis=0) for found in each]
     assert (np.diff(worst, axis=0) >= 0).all() and (worst[2] > worst[0]).all()
 
@@ -57,8 +67,12 @@ def test_friction_near_standstill_is_in_doubt_where_logs_told_it() -> None:
     assert sure.estimated is not None
     laws = pair_rivals(tune(sure, dt=DT, delay=0.0).stored)
     exact = Sensors.exact(sure.rig.n)
-    known_by = [replace(sure, estimated=replace(sure.estimated, missed=one)) for one in ((), (0.0, 0.0))]
-    stated, logged = (judge_controllers(x, laws, rng=0, plants=4, delay=0.0, sensors=exact) for x in known_by)
+    known_by = [
+        replace(sure, estimated=replace(sure.estimated, missed=one)) for one in ((), (0.0, 0.0))
+    ]
+    stated, logged = (
+        judge_controllers(x, laws, rng=0, plants=4, delay=0.0, sensors=exact) for x in known_by
+    )
     for name in laws:
         assert np.ptp(stated.errors[name], axis=0).max() < np.ptp(logged.errors[name], axis=0).min()
 
@@ -67,9 +81,14 @@ def test_a_torque_that_the_model_misses_and_noise_cost_error() -> None:
     sure = known(0.0)
     assert sure.estimated is not None
     laws = pair_rivals(tune(sure, dt=DT).stored)
-    blind = [replace(sure.estimated, **more) for more in ({}, {"missed": (0.05, 0.05)}, {"noise": (0.02, 0.02)})]
+    blind = [
+        replace(sure.estimated, **more)
+        for more in ({}, {"missed": (0.05, 0.05)}, {"noise": (0.02, 0.02)})
+    ]
     clear, missed, noisy = (
-        judge_controllers(replace(sure, estimated=one), laws, rng=0, plants=4).errors["computed-torque"]
+        judge_controllers(replace(sure, estimated=one), laws, rng=0, plants=4).errors[
+            "computed-torque"
+        ]
         for one in blind
     )
     assert (np.median(missed, axis=0) > np.median(clear, axis=0)).all()
@@ -78,7 +97,9 @@ def test_a_torque_that_the_model_misses_and_noise_cost_error() -> None:
 
 def test_no_error_is_smaller_than_the_encoders_resolve() -> None:
     rig = Rig.load("turret")
-    coarse = replace(rig, motors=tuple(Motor(motor.tau_max, encoder_bits=8) for motor in rig.motors))
+    coarse = replace(
+        rig, motors=tuple(Motor(motor.tau_max, encoder_bits=8) for motor in rig.motors)
+    )
     model = nominal(coarse)
     found = judge_controllers(model, pair_rivals(tune(model, dt=DT).stored), rng=0, plants=2)
     np.testing.assert_allclose(found.resolved, 2 * np.pi / 2**8 / np.sqrt(12))
@@ -118,7 +139,9 @@ def test_a_judgement_is_repeatable_and_goes_to_json() -> None:
     first, again = (judge_controllers(model, laws, rng=3, plants=3).to_dict() for _ in range(2))
     assert first == again == json.loads(json.dumps(first, allow_nan=False)) and first["plants"] == 3
     ratios = first["ratios"]["computed-torque"]
-    assert all(ratios["worst"][place] <= ratios["median"][place] for place in ("pan", "tilt", "all"))
+    assert all(
+        ratios["worst"][place] <= ratios["median"][place] for place in ("pan", "tilt", "all")
+    )
 
 
 @pytest.mark.parametrize("name", ["pan-tilt", "heavy-pan-tilt", "ring", "handheld"])
@@ -147,7 +170,10 @@ def test_the_ratio_that_is_claimed_is_that_on_the_true_plant(name: str, tmp_path
 def record_sines(plant: Peer, rig: Rig, rng: np.random.Generator) -> Log:
     """A log of sines of all axes."""
     t = np.arange(0, 30, plant.dt)[:, None]
-    q = sum(0.25 / k**0.5 * np.sin(2 * np.pi * 0.22 * k * t * (1 + 0.17 * np.arange(rig.n)) + k) for k in (1, 2, 4))
+    q = sum(
+        0.25 / k**0.5 * np.sin(2 * np.pi * 0.22 * k * t * (1 + 0.17 * np.arange(rig.n)) + k)
+        for k in (1, 2, 4)
+    )
     v = np.gradient(q, plant.dt, axis=0)
     mover = Mover(plant.inertia(q[0]), plant.dt, 12.0)
     seen, _, torque = plant.run(mover, Motion(t[:, 0], q, v, 0 * v), rng)

@@ -41,8 +41,12 @@ def test_minimum_jerk_rests_moves_and_rests(goal: list[float], move: float) -> N
 def test_minimum_jerk_is_consistent_and_minimal() -> None:
     """v and a are q's derivatives, and any smooth detour with the same ends costs more jerk."""
     motion = minimum_jerk(np.zeros(1), np.ones(1), dt=1e-3, move=1.0, before=0.0, after=0.0)
-    np.testing.assert_allclose(np.gradient(motion.q[:, 0], motion.t)[1:-1], motion.v[1:-1, 0], atol=1e-5)
-    np.testing.assert_allclose(np.gradient(motion.v[:, 0], motion.t)[1:-1], motion.a[1:-1, 0], atol=1e-4)
+    np.testing.assert_allclose(
+        np.gradient(motion.q[:, 0], motion.t)[1:-1], motion.v[1:-1, 0], atol=1e-5
+    )
+    np.testing.assert_allclose(
+        np.gradient(motion.v[:, 0], motion.t)[1:-1], motion.a[1:-1, 0], atol=1e-4
+    )
 
     def jerk(acceleration: np.ndarray) -> float:
         return float(np.sum(np.gradient(acceleration, motion.t) ** 2))
@@ -69,7 +73,10 @@ def test_steps_stay_within_every_limit(name: str) -> None:
     motion = minimum_jerk(start, start + goal, dt=0.001)
     tau = plant.inverse(motion.q, motion.v, motion.a)
     for j, limit in enumerate(rig.limits):
-        assert limit.lower - 1e-9 <= motion.q[:, j].min() and motion.q[:, j].max() <= limit.upper + 1e-9
+        assert (
+            limit.lower - 1e-9 <= motion.q[:, j].min()
+            and motion.q[:, j].max() <= limit.upper + 1e-9
+        )
         assert np.abs(motion.v[:, j]).max() <= limit.velocity * (1 + 1e-9)
         assert np.abs(motion.a[:, j]).max() <= limit.acceleration * (1 + 1e-9)
         assert np.abs(tau[:, j]).max() <= 1.01 * 0.9 * rig.tau_max[j]
@@ -85,14 +92,18 @@ def generous(name: str, payload: str | None = None) -> Rig:
     """A rig whose motors and limits let the thesis's steps be whole."""
     rig = Rig.load(name, payload)
     motors = tuple(Motor(tau_max=10.0, encoder_bits=motor.encoder_bits) for motor in rig.motors)
-    return replace(rig, motors=motors, limits=tuple(Limits(limit.lower, limit.upper) for limit in rig.limits))
+    return replace(
+        rig, motors=motors, limits=tuple(Limits(limit.lower, limit.upper) for limit in rig.limits)
+    )
 
 
 # --- Metrics -----------------------------------------------------------------------------------------------------
 
 
 @given(st.floats(3, 30), st.floats(0.2, 0.8), st.sampled_from([-0.4, 0.1, 0.5]))
-def test_metrics_of_a_second_order_step_are_the_textbooks(w: float, damping: float, distance: float) -> None:
+def test_metrics_of_a_second_order_step_are_the_textbooks(
+    w: float, damping: float, distance: float
+) -> None:
     """Overshoot exp(-π ζ/√(1 - ζ²)), settling within the envelope's 4/(ζ ω), error gone at the end."""
     t = np.arange(0, BEFORE + 12 / (damping * w), 1e-3)
     s = np.maximum(t - BEFORE, 0)
@@ -102,7 +113,9 @@ def test_metrics_of_a_second_order_step_are_the_textbooks(w: float, damping: flo
     found = metrics(t, wanted, distance * share, distance, 0.0)
     expected = 100 * np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
     assert found.overshoot_percent == pytest.approx(expected, abs=0.3)
-    assert found.settling_time <= np.log(1 / (0.02 * np.sqrt(1 - damping**2))) / (damping * w) + 2e-3
+    assert (
+        found.settling_time <= np.log(1 / (0.02 * np.sqrt(1 - damping**2))) / (damping * w) + 2e-3
+    )
     assert abs(found.steady_state_error) < 1e-3 * abs(distance)
     assert found.rms_error == pytest.approx(np.sqrt(np.mean((wanted - distance * share) ** 2)))
     assert found.peak_error == pytest.approx(abs(distance), rel=0.05)
@@ -152,7 +165,9 @@ def test_pid_is_the_yardstick_and_no_straw_man(whole: Tracking) -> None:
     """Same bandwidth: it follows within tenths of a degree, overshoots under 3 %, and errs ten times more."""
     for joint, found in whole.of("all-axes", "pid").joints.items():
         assert np.rad2deg(found.rms_error) < 0.25 and found.overshoot_percent < 3
-        assert found.rms_error > 10 * whole.of("all-axes", "computed-torque").joints[joint].rms_error
+        assert (
+            found.rms_error > 10 * whole.of("all-axes", "computed-torque").joints[joint].rms_error
+        )
 
 
 def wrong(model: Model, inertia: float, friction: float) -> Model:
@@ -177,7 +192,9 @@ def test_a_model_beats_pid_on_every_axis_even_if_wrong(name: str, payload: str) 
         "pid": tune(plant, kind="pid", dt=dt, delay=dt).controller,
     }
     sensors = Sensors.exact(plant.rig.n)
-    found = track(plant, laws, rng=np.random.default_rng(0), seconds=0.7, sensors=sensors, one_by_one=False)
+    found = track(
+        plant, laws, rng=np.random.default_rng(0), seconds=0.7, sensors=sensors, one_by_one=False
+    )
     for joint, pid in found.of("all-axes", "pid").joints.items():
         model_based = found.of("all-axes", "wrong").joints[joint]
         assert model_based.rms_error < pid.rms_error / 3
@@ -188,7 +205,13 @@ def test_every_controller_meets_the_same_noise_and_every_run_is_repeatable() -> 
     model = nominal(Rig.load("turret"))
     law = tune(model).controller
     first, again = (
-        track(model, {"a": law, "b": law}, rng=np.random.default_rng(7), seconds=0.65, one_by_one=False)
+        track(
+            model,
+            {"a": law, "b": law},
+            rng=np.random.default_rng(7),
+            seconds=0.65,
+            one_by_one=False,
+        )
         for _ in range(2)
     )
     a, b = (first.of("all-axes", label) for label in "ab")
@@ -200,9 +223,17 @@ def test_metrics_see_the_true_angle_not_the_encoders() -> None:
     """The log holds whole encoder steps; the true angle lies within half a step of them, and is none."""
     model = nominal(Rig.load("turret"))
     step = model.rig.motors[0].encoder_step
-    run = track(model, {"a": tune(model).controller}, rng=np.random.default_rng(0), seconds=0.65, one_by_one=False)
+    run = track(
+        model,
+        {"a": tune(model).controller},
+        rng=np.random.default_rng(0),
+        seconds=0.65,
+        one_by_one=False,
+    )
     seen = run.of("all-axes", "a")
-    np.testing.assert_allclose(seen.log.q[:, 0] / step, np.round(seen.log.q[:, 0] / step), atol=1e-6)
+    np.testing.assert_allclose(
+        seen.log.q[:, 0] / step, np.round(seen.log.q[:, 0] / step), atol=1e-6
+    )
     away = np.abs(seen.q[:, 0] - seen.log.q[:, 0])
     assert 0.3 * step < away.max() <= 0.5 * step * (1 + 1e-6)
 

@@ -75,7 +75,9 @@ def by_hand(gains: Pid, dt: float, samples: int, omega: Any) -> Any:
 
 
 @given(st.floats(2, 12), st.floats(0.5, 1.5), st.floats(0, 0.3), st.integers(0, 4))
-def test_margins_are_those_computed_by_hand(hz: float, damping: float, integral: float, samples: int) -> None:
+def test_margins_are_those_computed_by_hand(
+    hz: float, damping: float, integral: float, samples: int
+) -> None:
     """Crossings by root finding on the z-transform; the disk margin as the least 2 |1 + L|/|1 - L|."""
     dt = 0.001
     gains = Pid.placed(hz, damping, integral)
@@ -83,17 +85,27 @@ def test_margins_are_those_computed_by_hand(hz: float, damping: float, integral:
     w = 2 * pi * hz
     crossover = brentq(lambda omega: abs(by_hand(gains, dt, samples, omega)) - 1, 0.5 * w, 10 * w)
     phase = np.angle(by_hand(gains, dt, samples, crossover))
-    loop = by_hand(gains, dt, samples, np.append(np.geomspace(w / 100, pi / dt * 0.9999, 20000), pi / dt))
+    loop = by_hand(
+        gains, dt, samples, np.append(np.geomspace(w / 100, pi / dt * 0.9999, 20000), pi / dt)
+    )
     assert found.crossover_hz == pytest.approx(crossover / 2 / pi, rel=1e-6)
     assert found.phase_margin_deg == pytest.approx(180 + np.degrees(phase), rel=1e-6)
     assert found.delay_margin == pytest.approx((pi + phase) / crossover, rel=1e-6)
-    assert found.disk_margin == pytest.approx((2 * np.abs(1 + loop) / np.abs(1 - loop)).min(), rel=2e-3)
+    assert found.disk_margin == pytest.approx(
+        (2 * np.abs(1 + loop) / np.abs(1 - loop)).min(), rel=2e-3
+    )
     crossing = np.append(np.flatnonzero(loop.imag[:-2] * loop.imag[1:-1] < 0), len(loop) - 1)
     gains_there = np.abs(loop[crossing][loop[crossing].real < 0])
     assert found.gain_margin_db == pytest.approx(np.abs(20 * np.log10(gains_there)).min(), abs=0.05)
 
 
-@given(st.floats(2, 12), st.floats(0.5, 1.5), st.floats(0, 0.3), st.floats(0, 0.004), st.floats(1e-4, 0.004))
+@given(
+    st.floats(2, 12),
+    st.floats(0.5, 1.5),
+    st.floats(0, 0.3),
+    st.floats(0, 0.004),
+    st.floats(1e-4, 0.004),
+)
 @settings(max_examples=20)
 def test_margins_are_those_of_python_control(
     hz: float, damping: float, integral: float, delay: float, lag: float
@@ -120,7 +132,9 @@ def test_without_delay_and_hold_the_phase_margin_is_the_textbooks() -> None:
     crossover = w * sqrt(2 * damping**2 + sqrt(4 * damping**4 + 1))
     found = compute_margins(Pid.placed(5.0, damping, 0.0), 1e-5, 0.0)
     assert found.crossover_hz == pytest.approx(crossover / 2 / pi, rel=1e-3)
-    assert found.phase_margin_deg == pytest.approx(np.degrees(atan(2 * damping * crossover / w)), abs=0.05)
+    assert found.phase_margin_deg == pytest.approx(
+        np.degrees(atan(2 * damping * crossover / w)), abs=0.05
+    )
 
 
 def test_half_a_sample_of_delay_costs_its_phase() -> None:
@@ -129,17 +143,23 @@ def test_half_a_sample_of_delay_costs_its_phase() -> None:
     less = compute_margins(gains, 0.001, 0.001)
     more = compute_margins(gains, 0.001, 0.0015)
     assert less.delay_margin - more.delay_margin == pytest.approx(0.0005, rel=0.02)
-    assert less.phase_margin_deg - more.phase_margin_deg == pytest.approx(360 * less.crossover_hz * 0.0005, rel=0.02)
+    assert less.phase_margin_deg - more.phase_margin_deg == pytest.approx(
+        360 * less.crossover_hz * 0.0005, rel=0.02
+    )
 
 
 def free(rig: Rig) -> Model:
     """The rig weightless, unlimited, without friction: small errors see the linear loop alone."""
     model = rig.model.copy()
     model.gravity.linear = np.zeros(3)
-    return Model(replace(rig, model=model, motors=(Motor(),) * rig.n, limits=(Limits(),) * rig.n), ())
+    return Model(
+        replace(rig, model=model, motors=(Motor(),) * rig.n, limits=(Limits(),) * rig.n), ()
+    )
 
 
-def growth(plant: Model, law: ComputedTorque | JointPid, delay: int, start: Array, steps: int = 2000) -> float:
+def growth(
+    plant: Model, law: ComputedTorque | JointPid, delay: int, start: Array, steps: int = 2000
+) -> float:
     """Amplitude in the last quarter of a run over that in its second quarter."""
     zero = np.zeros((steps, plant.rig.n))
     motion = Motion(law.dt * np.arange(steps), zero, zero, zero)
@@ -179,7 +199,9 @@ def test_the_simulated_loop_has_the_gain_margin_that_is_stated() -> None:
 def test_a_model_and_a_controller_are_a_few_lines_at_a_prompt(thesis: Model, kind: str) -> None:
     """However much is in them; what a model has beside bodies and plain friction stands in its line."""
     cogging = parse_effect("cogging:yaw:amplitude=0.1,harmonic=42", thesis.rig)
-    known = plant_with(replace(thesis, drive=(parse_effect("delay:roll:time=0.005", thesis.rig),)), [cogging]).plant
+    known = plant_with(
+        replace(thesis, drive=(parse_effect("delay:roll:time=0.005", thesis.rig),)), [cogging]
+    ).plant
     said = repr(known)
     assert "\n" not in said and len(said) < 150 and "cogging at yaw, delay at roll" in said
     assert known.rig.title in said and "coulomb" not in said
@@ -196,16 +218,22 @@ def test_three_lines_at_a_prompt(thesis: Model) -> None:
 def test_default_reaches_what_it_wishes_with_margin(tuned: Tuning) -> None:
     assert tuned.bandwidth_hz == (8.0,) * 3
     for found in tuned.margins:
-        assert found.disk_margin > 1.0 and found.phase_margin_deg > 60 and found.delay_margin > 0.004
+        assert (
+            found.disk_margin > 1.0 and found.phase_margin_deg > 60 and found.delay_margin > 0.004
+        )
 
 
 @pytest.mark.parametrize("kind", ["computed-torque", "pid"])
-def test_too_much_bandwidth_is_lowered_to_the_disk_margin_and_said(thesis: Model, kind: str) -> None:
+def test_too_much_bandwidth_is_lowered_to_the_disk_margin_and_said(
+    thesis: Model, kind: str
+) -> None:
     tuning = tune(thesis, bandwidth_hz=60, delay=0.005, kind=kind)
     for hz, found in zip(tuning.bandwidth_hz, tuning.margins):
         assert hz < 20 and 0.5 <= found.disk_margin < 0.52
     assert any(why.kind is ReasonKind.LOWERED and "60 Hz" in why.sentence for why in tuning.reasons)
-    assert not any(why.kind is ReasonKind.LOWERED for why in tune(thesis, bandwidth_hz=5, kind=kind).reasons)
+    assert not any(
+        why.kind is ReasonKind.LOWERED for why in tune(thesis, bandwidth_hz=5, kind=kind).reasons
+    )
 
 
 def test_more_delay_leaves_less_bandwidth_and_more_disk_margin_too(thesis: Model) -> None:
@@ -238,7 +266,9 @@ def test_pid_margins_are_the_worst_over_the_poses(name: str) -> None:
 
 def test_pid_of_a_heavier_payload_has_the_same_loop() -> None:
     """Its torque gains scale with the inertia, its margins at home do not change."""
-    light, heavy = (tune(nominal(Rig.load("thesis", payload)), kind="pid") for payload in ("none", "cinema"))
+    light, heavy = (
+        tune(nominal(Rig.load("thesis", payload)), kind="pid") for payload in ("none", "cinema")
+    )
     assert light.gains == heavy.gains
     assert all(a < b for a, b in zip(light.inertia, heavy.inertia))
 
@@ -256,7 +286,9 @@ def test_pid_of_a_heavier_payload_has_the_same_loop() -> None:
         ({"disk_margin": 2.5}, "disk_margin"),
     ],
 )
-def test_impossible_wishes_are_refused_in_one_line(thesis: Model, wish: dict[str, object], place: str) -> None:
+def test_impossible_wishes_are_refused_in_one_line(
+    thesis: Model, wish: dict[str, object], place: str
+) -> None:
     with pytest.raises(UsageError, match=place) as caught:
         tune(thesis, **wish)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
@@ -305,7 +337,9 @@ def test_redesign_keeps_the_margin_it_states(thesis: Model) -> None:
 
 def test_redesign_is_left_out_where_there_is_no_margin_for_it(thesis: Model) -> None:
     tuning = tune(thesis, robust=True, bandwidth_hz=60)
-    assert tuning.robust is None and any("no Lyapunov redesign" in str(why) for why in tuning.reasons)
+    assert tuning.robust is None and any(
+        "no Lyapunov redesign" in str(why) for why in tuning.reasons
+    )
 
 
 def with_std(rig: Rig, share: float) -> Model:
@@ -316,8 +350,13 @@ def with_std(rig: Rig, share: float) -> Model:
         f"{term.effect.joint}.{c.name}" for term in model.terms for c in term.effect.coefficients
     )
     leading = [reduction.names[j].rsplit(".", 1)[1] for j in reduction.independent]
-    std = [share * (0.1 if symbol.startswith("I") else 0.0) for symbol in leading] + [0.0] * (2 * rig.n)
-    return replace(model, estimated=Estimated(names, ("",) * len(names), np.zeros(len(names)), np.diag(std) ** 2))
+    std = [share * (0.1 if symbol.startswith("I") else 0.0) for symbol in leading] + [0.0] * (
+        2 * rig.n
+    )
+    return replace(
+        model,
+        estimated=Estimated(names, ("",) * len(names), np.zeros(len(names)), np.diag(std) ** 2),
+    )
 
 
 def test_a_doubtful_model_makes_pid_the_advice() -> None:
@@ -339,7 +378,9 @@ def test_more_uncertainty_asks_for_a_larger_correction() -> None:
 # --- Files -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("wish", [{"kind": "pid"}, {}, {"robust": True}, {"bandwidth_hz": {"pan": 5.0, "tilt": 7.0}}])
+@pytest.mark.parametrize(
+    "wish", [{"kind": "pid"}, {}, {"robust": True}, {"bandwidth_hz": {"pan": 5.0, "tilt": 7.0}}]
+)
 @pytest.mark.parametrize("through", ["json", "yaml"])
 def test_a_controller_survives_its_file(wish: dict[str, object], through: str) -> None:
     rig = Rig.load("turret")
@@ -372,7 +413,12 @@ def test_a_foreign_or_broken_file_is_refused(tuned: Tuning) -> None:
     data = tuned.to_dict()
     with pytest.raises(ModelError, match="pan, tilt"):
         stored(data, Rig.load("turret"))
-    for broken in ({}, {**data, "joints": None}, {**data, "wish": {"bandwith": 3}}, {**data, "model": {"phi": [1.0]}}):
+    for broken in (
+        {},
+        {**data, "joints": None},
+        {**data, "wish": {"bandwith": 3}},
+        {**data, "model": {"phi": [1.0]}},
+    ):
         with pytest.raises(ModelError, match="controller"):
             stored(broken, Rig.load("thesis"))
 
@@ -385,7 +431,9 @@ def test_plot_shows_every_loop(tuned: Tuning) -> None:
     assert legend is not None and len(legend.get_texts()) == 3
     for axes in (gain, phase, step):
         lines = axes.get_lines()[:3]
-        assert [line.get_color() for line in lines] == [one.colour for one in list_shown_joints(tuned.model.rig)]
+        assert [line.get_color() for line in lines] == [
+            one.colour for one in list_shown_joints(tuned.model.rig)
+        ]
         assert [line.is_dashed() for line in lines] == [False, True, True]
     # The gain diagram crosses 0 dB where the margins say.
     for line, hz in zip(gain.get_lines(), (4, 6, 8)):
@@ -396,13 +444,17 @@ def test_plot_shows_every_loop(tuned: Tuning) -> None:
     for line in step.get_lines():
         answer = np.asarray(line.get_ydata(), dtype=float)
         assert abs(answer[np.isfinite(answer)][-1]) < 0.5 * np.nanmax(answer)
-    assert np.asarray(phase.get_lines()[0].get_ydata(), dtype=float)[0] == pytest.approx(-270, abs=15)
+    assert np.asarray(phase.get_lines()[0].get_ydata(), dtype=float)[0] == pytest.approx(
+        -270, abs=15
+    )
 
 
 # --- The rate ----------------------------------------------------------------------------------------------------
 
 
-def test_the_rate_is_the_logs_unless_told_and_a_rate_that_nobody_knows_is_said(thesis: Model) -> None:
+def test_the_rate_is_the_logs_unless_told_and_a_rate_that_nobody_knows_is_said(
+    thesis: Model,
+) -> None:
     known = Estimated((), (), np.zeros(0), np.zeros((0, 0)), dt=0.004)
     logged = replace(thesis, estimated=known)
     found = tune(logged, disk_margin=1.0)
@@ -415,7 +467,9 @@ def test_the_rate_is_the_logs_unless_told_and_a_rate_that_nobody_knows_is_said(t
     assert told.bandwidth_hz == pytest.approx([2 * hz for hz in found.bandwidth_hz], rel=0.02)
     # Steps are simulated with the delay that was asked for, and not with a whole slow sample.
     asked = tune(logged, delay=0.001, dt=0.01)
-    steps = track(thesis, {"own": asked.controller}, rng=0, delay=asked.wish.samples, one_by_one=False).experiments[0]
+    steps = track(
+        thesis, {"own": asked.controller}, rng=0, delay=asked.wish.samples, one_by_one=False
+    ).experiments[0]
     assert max(one.saturated for one in steps.joints.values()) < 0.2
     assert "not known" in tune(thesis).reasons[0].sentence and tune(thesis).wish.dt == 0.001
 
@@ -423,17 +477,24 @@ def test_the_rate_is_the_logs_unless_told_and_a_rate_that_nobody_knows_is_said(t
 def test_a_drive_is_as_late_as_the_logs_show_unless_told(thesis: Model) -> None:
     """As with that delay stated; a drive that is sooner than one sample costs that sample."""
     late, soon = (
-        replace(thesis, estimated=Estimated((), (), np.zeros(0), np.zeros((0, 0)), dt=0.002, lags=lags))
+        replace(
+            thesis, estimated=Estimated((), (), np.zeros(0), np.zeros((0, 0)), dt=0.002, lags=lags)
+        )
         for lags in ((0.001, 0.005, 0.003), (0.001, -0.004, 0.0))
     )
     found = tune(late, disk_margin=1.0)
     told = tune(late, disk_margin=1.0, delay=0.005)
     assert found.wish.delay == 0.005 and found.bandwidth_hz == told.bandwidth_hz
     (said,) = [why.sentence for why in found.reasons if "delay of 5 ms" in why.sentence]
-    assert thesis.rig.joints[1] in said and not any("delay of" in why.sentence for why in told.reasons)
+    assert thesis.rig.joints[1] in said and not any(
+        "delay of" in why.sentence for why in told.reasons
+    )
     assert tune(soon, disk_margin=1.0).wish.delay == 0.002
     (warned,) = tune(late, delay=0.002).warnings
-    assert "2 ms was stated" in warned and f"{thesis.rig.joints[1]}'s torque to act 5 ms late" in warned
+    assert (
+        "2 ms was stated" in warned
+        and f"{thesis.rig.joints[1]}'s torque to act 5 ms late" in warned
+    )
     assert told.warnings == found.warnings == ()
 
 

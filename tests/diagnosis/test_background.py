@@ -17,7 +17,10 @@ from gimbal_pin.log import Array
 from gimbal_pin.rig import Rig
 
 NOTCH = np.radians(np.arange(10.0, 20.1, 0.5))
-DETENT = Term(TorqueTable("pan", "angle", tuple(NOTCH)), tuple(0.05 * np.sin(np.pi * np.linspace(0, 1, 21)) ** 2))
+DETENT = Term(
+    TorqueTable("pan", "angle", tuple(NOTCH)),
+    tuple(0.05 * np.sin(np.pi * np.linspace(0, 1, 21)) ** 2),
+)
 
 
 def torque(term: Term, angles: Array) -> Array:
@@ -68,9 +71,13 @@ def test_a_model_with_a_table_is_read_as_it_was_written(found: Diagnosis, tmp_pa
     assert again.estimated.dt == found.after.estimated.dt == 0.001
 
 
-def test_a_controller_with_a_table_follows_as_one_that_knows_the_detent(found: Diagnosis, plant: Model) -> None:
+def test_a_controller_with_a_table_follows_as_one_that_knows_the_detent(
+    found: Diagnosis, plant: Model
+) -> None:
     models = {"table": found.after, "known": plant}
-    laws = {name: tune(model, bandwidth_hz=4.0, dt=0.004).controller for name, model in models.items()}
+    laws = {
+        name: tune(model, bandwidth_hz=4.0, dt=0.004).controller for name, model in models.items()
+    }
     laws["pid"] = tune(found.after, bandwidth_hz=4.0, dt=0.004, kind="pid").controller
     done = dict.fromkeys(laws, 0.0)
     for one in track(plant, laws, rng=np.random.default_rng(0)).experiments:
@@ -79,9 +86,15 @@ def test_a_controller_with_a_table_follows_as_one_that_knows_the_detent(found: D
 
 
 def test_a_table_of_the_load_reads_the_load_and_one_within_a_turn_closes() -> None:
-    ring = Term(TorqueTable("pan", "angle", tuple(np.arange(8) * np.pi / 4), cyclic=True), tuple(range(8)))
+    ring = Term(
+        TorqueTable("pan", "angle", tuple(np.arange(8) * np.pi / 4), cyclic=True), tuple(range(8))
+    )
     turn = np.linspace(-20.0, 20.0, 300)
     np.testing.assert_allclose(torque(ring, turn), torque(ring, turn + 2 * np.pi), atol=1e-6)
     load = Term(TorqueTable("pan", "load", (-1.0, 0.0, 1.0)), (2.0, 0.0, 4.0))
     assert load.effect.loaded and not ring.effect.loaded
-    assert [load.torque(Sample(0.0, 9.0, 9.0, 9.0, 1.0, tau)) for tau in (-0.5, 0.25, 5.0)] == [1.0, 1.0, 0.0]
+    assert [load.torque(Sample(0.0, 9.0, 9.0, 9.0, 1.0, tau)) for tau in (-0.5, 0.25, 5.0)] == [
+        1.0,
+        1.0,
+        0.0,
+    ]

@@ -38,7 +38,13 @@ def turning(amplitude: float, noise: float, turns: float = 0.8, teeth: int = 72)
     q = rate * t + 0.05 * np.sin(waver * t)
     v = rate + 0.05 * waver * np.cos(waver * t)
     a = -0.05 * waver**2 * np.sin(waver * t)
-    tau = 2e-4 * a + 4e-3 + 1e-3 * v + amplitude * np.cos(teeth * q) + noise * rng.standard_normal(len(t))
+    tau = (
+        2e-4 * a
+        + 4e-3
+        + 1e-3 * v
+        + amplitude * np.cos(teeth * q)
+        + noise * rng.standard_normal(len(t))
+    )
     return Log("turning", ("motor",), t, q[:, None], v[:, None], tau[:, None])
 
 
@@ -74,7 +80,9 @@ def test_a_log_of_a_low_rate_is_diagnosed_in_a_band_that_it_has(name: str, rate:
     some = {one: CAUSES[one] for one in ("stribeck", "torque-bias")}
     found = diagnose(bundled(name), [log], some, rng=0)
     assert not found.spoiling and not found.findings
-    assert found.held is not None and found.held.band == pytest.approx(min(DIAGNOSIS_BAND.cutoff, rate / 10))
+    assert found.held is not None and found.held.band == pytest.approx(
+        min(DIAGNOSIS_BAND.cutoff, rate / 10)
+    )
 
 
 @pytest.mark.parametrize(("name", "rate"), RATES[:2])
@@ -85,7 +93,9 @@ def test_verbs_take_a_log_of_a_low_rate_and_refuse_a_cutoff_that_it_cannot_carry
     write_log(slow(name, rate, 12.0), path)
     assert run("tune", name, path, "-o", tmp_path / "controller.yaml")[0] == 0
     for verb in ("identify", "diagnose"):
-        refused(run(verb, name, path, "--cutoff", 0.25 * rate), 2, "cutoff", f"at most {rate / 5:g} Hz")
+        refused(
+            run(verb, name, path, "--cutoff", 0.25 * rate), 2, "cutoff", f"at most {rate / 5:g} Hz"
+        )
 
 
 def test_ten_samples_a_second_are_refused_with_a_reason() -> None:

@@ -41,10 +41,16 @@ def test_what_a_denied_cause_leaves_is_unknown_if_it_is_more_than_an_error_of_fo
     smooth = nominal(Rig.load("turret"))
     cogging = replace(smooth, terms=(*smooth.terms, Term(Cogging("pan", (7.0,)), (amplitude, 0.0))))
     train, other = (
-        gather(smooth.rig, [bench_run(plant, rng=np.random.default_rng(seed), seconds=30)], DIAGNOSIS_BAND)
+        gather(
+            smooth.rig,
+            [bench_run(plant, rng=np.random.default_rng(seed), seconds=30)],
+            DIAGNOSIS_BAND,
+        )
         for seed, plant in enumerate((cogging, smooth))
     )
     found = explain(train, reduce_parameters(smooth.rig), {"cogging": CAUSES["cogging"]})
     refuted = confirm_causes(found, other).found
-    assert [cause.name for cause in found.final.causes] == ["cogging"] and refuted.final.causes == ()
+    assert [cause.name for cause in found.final.causes] == [
+        "cogging"
+    ] and refuted.final.causes == ()
     assert refuted.structured == (is_left, False)

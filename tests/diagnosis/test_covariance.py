@@ -19,7 +19,9 @@ def test_the_extended_model_is_as_far_off_as_it_says(rig: str) -> None:
     given = Rig.load(rig)
     joint, *_ = given.joints
     true = perturbed(given, 0.1, make_generator(2)[0])
-    plant = plant_with(true, [parse_effect(f"cogging:{joint}:amplitude=0.03,harmonic=12", given)]).plant
+    plant = plant_with(
+        true, [parse_effect(f"cogging:{joint}:amplitude=0.03,harmonic=12", given)]
+    ).plant
     found = diagnose(given, [bench_run(plant, rng=2, seconds=25.0)], rng=0)
     known = found.after.estimated
     fit = found.state

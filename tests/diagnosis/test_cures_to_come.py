@@ -17,7 +17,9 @@ from tests.bench_logs import prescribed
 FEW = {name: CAUSES[name] for name in ("friction-drift", "torque-ripple", "cogging", "torque-gain")}
 
 
-@pytest.mark.xfail(strict=True, reason="a gain that drifts is no cause of the library yet: new diagnosis")
+@pytest.mark.xfail(
+    strict=True, reason="a gain that drifts is no cause of the library yet: new diagnosis"
+)
 @pytest.mark.parametrize("loss", [0.3, 0.2, 0.15])
 def test_a_motor_that_loses_gain_is_a_drift_of_the_gain_or_unknown(loss: float) -> None:
     rig = Rig.load("turret")
@@ -28,7 +30,9 @@ def test_a_motor_that_loses_gain_is_a_drift_of_the_gain_or_unknown(loss: float) 
     assert found.verdict == "unknown" or any("gain" in one.cause for one in found.findings)
 
 
-@pytest.mark.xfail(strict=True, reason="short events leave too little power for the residual's test: new diagnosis")
+@pytest.mark.xfail(
+    strict=True, reason="short events leave too little power for the residual's test: new diagnosis"
+)
 @pytest.mark.parametrize("seed", [3, 4])
 def test_a_hand_that_pushes_now_and_then_is_never_nothing(seed: int) -> None:
     """Six pushes of 0.3 s leave 4 % of the torque's rms, ten times the sensors' noise."""
@@ -42,7 +46,9 @@ def test_a_hand_that_pushes_now_and_then_is_never_nothing(seed: int) -> None:
     assert diagnose(rig, [replace(log, tau=tau)], FEW).verdict != "nothing"
 
 
-@pytest.mark.xfail(strict=True, reason="the alignment starts at half a sample and its prior holds it: prepared log")
+@pytest.mark.xfail(
+    strict=True, reason="the alignment starts at half a sample and its prior holds it: prepared log"
+)
 def test_the_delay_of_a_slow_log_is_the_one_that_identify_fits() -> None:
     """Torque that is sampled at 25 Hz acts at its stamp, not half a sample later."""
     rig = Rig.load("turret")

@@ -29,7 +29,9 @@ def rig() -> Rig:
 
 @pytest.fixture(scope="module")
 def motion(rig: Rig) -> Motion:
-    design = excite(rig, seconds=6.0, starts=1, rng=np.random.default_rng(5), torque_model=nominal(rig), dt=DT)
+    design = excite(
+        rig, seconds=6.0, starts=1, rng=np.random.default_rng(5), torque_model=nominal(rig), dt=DT
+    )
     return repeated(design.motion, SECONDS, DT)
 
 
@@ -38,13 +40,17 @@ def recorded(rig: Rig, motion: Motion, planted: tuple[str, ...] = (), seed: int 
     from gimbal_pin.control import tune
 
     altered = plant_with(nominal(rig), [parse_effect(text, rig) for text in planted])
-    mover = tune(nominal(rig), bandwidth_hz=4.0, dt=round(float(motion.t[1] - motion.t[0]), 6)).controller
+    mover = tune(
+        nominal(rig), bandwidth_hz=4.0, dt=round(float(motion.t[1] - motion.t[0]), 6)
+    ).controller
     rng = np.random.default_rng(seed)
     return bench_run(altered.plant, mover, rng=rng, reference=motion, drive=altered.drive)
 
 
 def said(rig: Rig, log: Log, causes: Iterable[str] = CAUSES) -> Diagnosis:
-    return diagnose(rig, [log], {name: CAUSES[name] for name in causes}, rng=np.random.default_rng(1))
+    return diagnose(
+        rig, [log], {name: CAUSES[name] for name in causes}, rng=np.random.default_rng(1)
+    )
 
 
 # the evidence
@@ -102,7 +108,12 @@ def test_nothing_is_found_where_nothing_is(nothing: Diagnosis) -> None:
     assert found.baseline == found.extended
 
 
-FRICTION = (*(name for name in CAUSES if "friction" in name), "stribeck", "presliding", "torque-bias")
+FRICTION = (
+    *(name for name in CAUSES if "friction" in name),
+    "stribeck",
+    "presliding",
+    "torque-bias",
+)
 PLANTED: list[tuple[tuple[str, ...], Iterable[str]]] = [
     (("cogging:pan:amplitude=0.02,harmonic=14", "stribeck:tilt:extra=0.03,speed=0.2"), CAUSES),
     (
@@ -118,13 +129,18 @@ PLANTED: list[tuple[tuple[str, ...], Iterable[str]]] = [
 MISSED = pytest.param(
     ("backlash:pan:gap=0.02,inertia=0.005,rotor_share=0.3",),
     ("backlash", "delay", "dead-zone"),
-    marks=[pytest.mark.slow, pytest.mark.xfail(reason="a delay of 17 ms and a dead-zone, both named", strict=True)],
+    marks=[
+        pytest.mark.slow,
+        pytest.mark.xfail(reason="a delay of 17 ms and a dead-zone, both named", strict=True),
+    ],
 )
 """The same, of which something else is told."""
 
 
 @pytest.mark.parametrize(("texts", "causes"), [*PLANTED, MISSED])
-def test_what_is_planted_is_found(rig: Rig, motion: Motion, texts: tuple[str, ...], causes: Iterable[str]) -> None:
+def test_what_is_planted_is_found(
+    rig: Rig, motion: Motion, texts: tuple[str, ...], causes: Iterable[str]
+) -> None:
     """The right name, or a class that holds it, and no other; its figures within four deviations or a tenth; a gain."""
     found = said(rig, recorded(rig, motion, texts, seed=2), causes)
     assert found.verdict in ("named", "ambiguous") and len(found.findings) == len(texts)
@@ -135,28 +151,43 @@ def test_what_is_planted_is_found(rig: Rig, motion: Motion, texts: tuple[str, ..
         assert first.gain["torque_rmse_after"] < 0.8 * first.gain["torque_rmse_before"]
         assert first.gain["rollout_rmse_after"] < 1.05 * first.gain["rollout_rmse_before"]
         if first.cause == cause:
-            true = {name: float(value) for name, value in (pair.split("=") for pair in figures.split(","))}
+            true = {
+                name: float(value)
+                for name, value in (pair.split("=") for pair in figures.split(","))
+            }
             for parameter in (p for p in first.parameters if p.name in true):
                 away = abs(parameter.value - true[parameter.name])
                 assert away < max(4 * np.nan_to_num(parameter.std), 0.1 * true[parameter.name])
 
 
-def test_a_difference_that_sets_in_with_the_rate_is_found_and_nothing_beside_it(rig: Rig, motion: Motion) -> None:
+def test_a_difference_that_sets_in_with_the_rate_is_found_and_nothing_beside_it(
+    rig: Rig, motion: Motion
+) -> None:
     text = "asymmetric-friction:pan:coulomb=0.05,speed=0.3"
     longer = repeated(motion, 2 * SECONDS, DT)
-    found = said(rig, recorded(rig, longer, (text,), seed=2), ("asymmetric-friction", "torque-gain"))
-    assert [(one.joint, "asymmetric-friction" in one.alike) for one in found.findings] == [("pan", True)]
+    found = said(
+        rig, recorded(rig, longer, (text,), seed=2), ("asymmetric-friction", "torque-gain")
+    )
+    assert [(one.joint, "asymmetric-friction" in one.alike) for one in found.findings] == [
+        ("pan", True)
+    ]
 
 
 @pytest.mark.parametrize("power", [1.6, 2.3, 2.9])
 def test_a_drags_power_is_found_with_its_deviation(rig: Rig, motion: Motion, power: float) -> None:
     """Drag and power trade places, so that either is known as far as the other is."""
     found = said(
-        rig, recorded(rig, motion, (f"quadratic-drag:tilt:drag=0.06,power={power}",), seed=2), ("quadratic-drag",)
+        rig,
+        recorded(rig, motion, (f"quadratic-drag:tilt:drag=0.06,power={power}",), seed=2),
+        ("quadratic-drag",),
     )
     (one,) = found.findings
     values = {p.name: p for p in one.parameters}
-    assert one.cause == "quadratic-drag" and values["power"].std is not None and values["drag"].std is not None
+    assert (
+        one.cause == "quadratic-drag"
+        and values["power"].std is not None
+        and values["drag"].std is not None
+    )
     assert abs(values["power"].value - power) < 3 * values["power"].std < 1.0
     assert abs(values["drag"].value - 0.06) < 3 * values["drag"].std < 0.06
 
@@ -175,7 +206,9 @@ def test_a_harmonic_on_part_of_a_turn_is_found_with_its_size(
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="a power of 1.75 passes for viscous friction: Stribeck's alone is named", strict=True)
+@pytest.mark.xfail(
+    reason="a power of 1.75 passes for viscous friction: Stribeck's alone is named", strict=True
+)
 def test_a_drag_is_found_beside_stribecks_friction_with_its_power(rig: Rig, motion: Motion) -> None:
     texts = ("stribeck:tilt:extra=0.1,speed=0.25", "quadratic-drag:tilt:drag=0.06,power=1.75")
     found = said(rig, recorded(rig, motion, texts, seed=2), ("stribeck", "quadratic-drag"))
@@ -185,12 +218,25 @@ def test_a_drag_is_found_beside_stribecks_friction_with_its_power(rig: Rig, moti
 
 
 def test_a_base_that_leans_about_both_axes_is_one_finding(rig: Rig) -> None:
-    design = excite(rig, seconds=10.0, starts=1, rng=np.random.default_rng(5), torque_model=nominal(rig), dt=0.004)
+    design = excite(
+        rig,
+        seconds=10.0,
+        starts=1,
+        rng=np.random.default_rng(5),
+        torque_model=nominal(rig),
+        dt=0.004,
+    )
     longer = repeated(design.motion, 20.0, 0.004)
-    found = said(rig, recorded(rig, longer, ("base-tilt:roll=0.02,pitch=0.012",), seed=2), ("base-tilt", "cogging"))
+    found = said(
+        rig,
+        recorded(rig, longer, ("base-tilt:roll=0.02,pitch=0.012",), seed=2),
+        ("base-tilt", "cogging"),
+    )
     assert [(one.cause, one.joint) for one in found.findings] == [("base-tilt", None)]
     figures = {p.name: p.value for p in found.findings[0].parameters}
-    assert figures["roll"] == pytest.approx(0.02, abs=1e-3) and figures["pitch"] == pytest.approx(0.012, abs=1e-3)
+    assert figures["roll"] == pytest.approx(0.02, abs=1e-3) and figures["pitch"] == pytest.approx(
+        0.012, abs=1e-3
+    )
 
 
 def test_one_weak_motor_is_told_and_not_all_others_at_the_reciprocal() -> None:
@@ -199,7 +245,13 @@ def test_one_weak_motor_is_told_and_not_all_others_at_the_reciprocal() -> None:
     plant = plant_with(nominal(rig), [parse_effect("torque-gain:tilt:gain=0.8", rig)]).plant
     log = prescribed(plant, seconds=16.0, torque_noise=0.01, dt=0.002)
     few = {name: CAUSES[name] for name in ("torque-gain", "armature")}
-    found = diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=replace(DIAGNOSIS_BAND, alignment=0.0))
+    found = diagnose(
+        rig,
+        [log],
+        few,
+        rng=np.random.default_rng(0),
+        filtering=replace(DIAGNOSIS_BAND, alignment=0.0),
+    )
     assert [(one.cause, one.joint) for one in found.findings] == [("torque-gain", "tilt")]
     assert found.findings[0].parameters[0].value == pytest.approx(0.8, abs=0.01)
     assert found.after.lags == {}, "the alignment was stated"
@@ -234,8 +286,12 @@ def plainly(rig: Rig, cogged: Log) -> Diagnosis:
 
 def test_the_unit_of_torque_changes_no_finding(rig: Rig, cogged: Log, plainly: Diagnosis) -> None:
     other = said(rig, replace(cogged, tau=8.0 * np.asarray(cogged.tau)), FEW)
-    assert [(one.cause, one.joint, one.status) for one in plainly.findings] == [("cogging", "pan", "named")]
-    assert [(one.cause, one.joint, one.status) for one in other.findings] == [("cogging", "pan", "named")]
+    assert [(one.cause, one.joint, one.status) for one in plainly.findings] == [
+        ("cogging", "pan", "named")
+    ]
+    assert [(one.cause, one.joint, one.status) for one in other.findings] == [
+        ("cogging", "pan", "named")
+    ]
     for one, scaled in zip(plainly.findings[0].parameters, other.findings[0].parameters):
         factor = 8.0 if one.unit == "N m" else 1.0
         assert scaled.value == pytest.approx(factor * one.value, rel=0.01, abs=0.01)
@@ -251,7 +307,9 @@ def test_more_noise_makes_nobody_surer(rig: Rig, cogged: Log, plainly: Diagnosis
         found = said(rig, replace(cogged, tau=tau + size * noise), FEW)
         own = {(one.cause, one.joint) for one in found.findings}
         assert own <= names
-        assert all(found.detection_limit[joint] > before.detection_limit[joint] for joint in rig.joints)
+        assert all(
+            found.detection_limit[joint] > before.detection_limit[joint] for joint in rig.joints
+        )
         for one in found.findings:
             assert one.parameters[0].std > before.findings[0].parameters[0].std
         before, names = found, own
@@ -327,14 +385,17 @@ def test_a_stop_that_rubs_has_at_most_its_pull_named(rig: Rig, other: Log) -> No
     v = np.asarray(other.v)[:, 0]
     push = 0.3 * np.maximum(q - 0.1, 0.0) * (1 + 0.5 * np.sign(v))
     rubbed = replace(other, tau=np.asarray(other.tau) + np.stack([push, 0 * push], axis=1))
-    found = said(rig, rubbed, ("cable-spring", "position-dependent-friction", "load-dependent-friction"))
+    found = said(
+        rig, rubbed, ("cable-spring", "position-dependent-friction", "load-dependent-friction")
+    )
     assert all("cable-spring" in one.alike for one in found.findings if one.status == "named")
 
 
 def test_json_holds_what_others_read(nothing: Diagnosis) -> None:
     data = json.loads(json.dumps(nothing.to_dict()))
     keys = (
-        "schema rig logs verdict findings residual immaterial alignment_s untestable detection_limit baseline extended"
+        "schema rig logs verdict findings residual immaterial alignment_s untestable "
+        "detection_limit baseline extended"
     )
     assert set(keys.split()) <= set(data)
     assert set(data["residual"]["pan"]) >= {"state", "noise_floor", "dispersion", "where"}
@@ -366,7 +427,9 @@ def spoilt(log: Log, kind: str) -> Log:
     return replace(log, q=stopped(log.q), v=stopped(log.v))
 
 
-@pytest.mark.parametrize("kind", ["every channel", "the torque", "a torque that wanders", "a rig at rest"])
+@pytest.mark.parametrize(
+    "kind", ["every channel", "the torque", "a torque that wanders", "a rig at rest"]
+)
 def test_pure_noise_is_never_named(rig: Rig, clean: Log, kind: str) -> None:
     """Noise in the place of some channels: refused, or a verdict that names nothing."""
     rng = np.random.default_rng(0)
@@ -391,7 +454,9 @@ def test_pure_noise_is_never_named(rig: Rig, clean: Log, kind: str) -> None:
 
 
 def of_another(rig: Rig, payload: str, seed: int) -> Log:
-    return prescribed(nominal(Rig.load(rig.name, payload)), seed, seconds=16.0, torque_noise=0.02, dt=0.002)
+    return prescribed(
+        nominal(Rig.load(rig.name, payload)), seed, seconds=16.0, torque_noise=0.02, dt=0.002
+    )
 
 
 def test_logs_of_different_payloads_are_a_fault_of_the_data(rig: Rig) -> None:
@@ -401,7 +466,13 @@ def test_logs_of_different_payloads_are_a_fault_of_the_data(rig: Rig) -> None:
         for k, payload in enumerate(("infrared", "infrared", "mirrorless"))
     ]
     few = {name: CAUSES[name] for name in ("cable-spring", "base-tilt", "torque-bias")}
-    found = diagnose(rig, logs, few, rng=np.random.default_rng(0), filtering=replace(DIAGNOSIS_BAND, alignment=0.0))
+    found = diagnose(
+        rig,
+        logs,
+        few,
+        rng=np.random.default_rng(0),
+        filtering=replace(DIAGNOSIS_BAND, alignment=0.0),
+    )
     assert found.verdict == "data" and not found.findings
     assert [fault.cause for fault in found.spoiling] == ["logs-disagree"]
     assert "one at a time" in found.spoiling[0].next_experiment
@@ -410,13 +481,21 @@ def test_logs_of_different_payloads_are_a_fault_of_the_data(rig: Rig) -> None:
 @pytest.mark.parametrize("sizes", [(0.2, 0.2, 0.2), (0.2, 0.2, -0.2)])
 def test_a_cause_is_the_same_in_every_log_of_one_rig(rig: Rig, sizes: tuple[float, ...]) -> None:
     """A constant torque explains the logs of one rig together, and not those of a rig that was touched in between."""
-    models = [plant_with(nominal(rig), [parse_effect(f"torque-bias:tilt:bias={x}", rig)]).plant for x in sizes]
-    logs = [prescribed(model, k, seconds=16.0, torque_noise=0.02, dt=0.002) for k, model in enumerate(models)]
+    models = [
+        plant_with(nominal(rig), [parse_effect(f"torque-bias:tilt:bias={x}", rig)]).plant
+        for x in sizes
+    ]
+    logs = [
+        prescribed(model, k, seconds=16.0, torque_noise=0.02, dt=0.002)
+        for k, model in enumerate(models)
+    ]
     few = {"torque-bias": CAUSES["torque-bias"]}
     exact = replace(DIAGNOSIS_BAND, alignment=0.0)
     found = diagnose(rig, logs, few, rng=np.random.default_rng(0), filtering=exact)
     named, spoilt = ([one.cause for one in part] for part in (found.findings, found.spoiling))
-    assert (named, spoilt) == ((["torque-bias"], []) if len(set(sizes)) == 1 else ([], ["logs-disagree"]))
+    assert (named, spoilt) == (
+        (["torque-bias"], []) if len(set(sizes)) == 1 else ([], ["logs-disagree"])
+    )
 
 
 def test_what_pulls_one_way_beside_a_spring_is_told_to_be_in_where_it_rests(rig: Rig) -> None:
@@ -428,7 +507,9 @@ def test_what_pulls_one_way_beside_a_spring_is_told_to_be_in_where_it_rests(rig:
     aligned = replace(DIAGNOSIS_BAND, alignment=0.0)
     (found,) = diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=aligned).findings
     figures = {figure.name: figure.value for figure in found.parameters}
-    assert found.cause == "cable-spring" and figures["rest"] == pytest.approx(0.2 - 0.02 / 0.5, abs=0.01)
+    assert found.cause == "cable-spring" and figures["rest"] == pytest.approx(
+        0.2 - 0.02 / 0.5, abs=0.01
+    )
     assert (
         "torque-bias or asymmetric-friction" in found.sentence
         and "another rest angle, by 2 rad per N m" in found.sentence

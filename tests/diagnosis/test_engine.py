@@ -21,7 +21,10 @@ RIG = "turret"
 DT = 4e-3
 PHI = 0.97
 """Of noise with a corner of 1.2 Hz at 250 samples a second: all of it within the motion's band."""
-KINDS = {name: CAUSES[name] for name in ("cogging", "torque-bias", "asymmetric-friction", "stribeck", "actuator-lag")}
+KINDS = {
+    name: CAUSES[name]
+    for name in ("cogging", "torque-bias", "asymmetric-friction", "stribeck", "actuator-lag")
+}
 
 
 def coloured_noise(shape: tuple[int, int], seed: int) -> Array:
@@ -61,7 +64,10 @@ def test_what_a_spring_takes_off_the_noise_of_an_acceleration_is_no_spring() -> 
     w = np.array([[1.38, 2.28], [2.62, 3.2]])[:, None]
     size = np.array([0.125, 0.0875])
     phase = t[:, None] * w
-    q, v, a = (np.sum(size * x, axis=0) for x in (np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)))
+    q, v, a = (
+        np.sum(size * x, axis=0)
+        for x in (np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase))
+    )
     tau = nominal(rig).inverse(q, v, a) + 3e-3 * rng.standard_normal(q.shape)
     q, v = (x + std * rng.standard_normal(x.shape) for x, std in ((q, 1e-5), (v, 1e-3)))
     assert not explain_log(
@@ -112,7 +118,9 @@ def test_each_torques_time_is_estimated_and_is_no_finding() -> None:
 
 def test_a_drives_delay_is_a_cause_with_all_of_its_time() -> None:
     """15 ms are no shift of channels: they are named, and not 5 ms less than they are."""
-    found = explain_log(retimed_log(log_of(0.0, 3, noise=0.002), (0.0, -15e-3)), {**KINDS, "delay": CAUSES["delay"]})
+    found = explain_log(
+        retimed_log(log_of(0.0, 3, noise=0.002), (0.0, -15e-3)), {**KINDS, "delay": CAUSES["delay"]}
+    )
     (cause,) = found.state.causes
     assert (cause.name, cause.place) == ("delay", Rig.load(RIG).joints[1])
     assert isinstance(cause, Delay) and cause.time == pytest.approx(15e-3, abs=5e-4)

@@ -80,7 +80,9 @@ def test_a_bias_is_coulomb_friction_that_differs_by_direction() -> None:
     at = Sample(0.0, 0.0, ways, 0.0, slide=ways, tau=0.0)
     bias = TorqueBias("tilt")
     uneven = AsymmetricFriction("tilt")
-    np.testing.assert_array_equal(Term(bias, (0.3,)).torque(at) * np.ones(2), Term(uneven, (0.3, 0.0)).torque(at))
+    np.testing.assert_array_equal(
+        Term(bias, (0.3,)).torque(at) * np.ones(2), Term(uneven, (0.3, 0.0)).torque(at)
+    )
     assert uneven.name in bias.blurred(SEEN)
 
 
@@ -96,11 +98,17 @@ def test_stribecks_speeds_that_are_passed_within_a_bristles_stroke_are_bristles(
 
 def test_the_gains_of_both_directions_are_that_of_the_whole() -> None:
     tau = np.linspace(-2.0, 3.0, 101)
-    both, up, down = (TorqueGain("tilt", side).basis(Sample(*([0.0] * 5), tau=tau))[0] for side in (0, 1, -1))
+    both, up, down = (
+        TorqueGain("tilt", side).basis(Sample(*([0.0] * 5), tau=tau))[0] for side in (0, 1, -1)
+    )
     np.testing.assert_array_equal(up + down, both)
     assert np.min(up) == 0.0 == np.max(down)
     assert TorqueGain("tilt").coupled and not TorqueGain("tilt", 1).coupled
-    assert {one.side for one in TorqueGain.tried("tilt", SEEN) if isinstance(one, TorqueGain)} == {0, 1, -1}
+    assert {one.side for one in TorqueGain.tried("tilt", SEEN) if isinstance(one, TorqueGain)} == {
+        0,
+        1,
+        -1,
+    }
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -111,7 +119,9 @@ def test_a_gain_of_one_direction_is_found_with_its_size(side: int) -> None:
 
 
 def test_ripple_of_many_poles_is_sought_six_times_per_electrical_turn() -> None:
-    tried = [one.harmonic[0] for one in TorqueRipple.tried("pan", SEEN) if isinstance(one, TorqueRipple)]
+    tried = [
+        one.harmonic[0] for one in TorqueRipple.tried("pan", SEEN) if isinstance(one, TorqueRipple)
+    ]
     assert {1.0, 99.0, 126.0, 252.0} <= set(tried)
     assert all(k <= 100 or k % 6 == 0 for k in tried)
 
@@ -120,10 +130,17 @@ def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_
     """A steep tooth's second harmonic, which the coarse grid leaves out, enters as a part of the first one's cause."""
     tooth = Cogging("tilt", (90.0,))
     second = Cogging("tilt", (180.0,))
-    model = replace(nominal(RIG), terms=(*nominal(RIG).terms, Term(tooth, (0.1, 0.0)), Term(second, (0.03, 0.03))))
+    model = replace(
+        nominal(RIG),
+        terms=(*nominal(RIG).terms, Term(tooth, (0.1, 0.0)), Term(second, (0.03, 0.03))),
+    )
     found = fitted(model, tooth)
     kinds: dict[str, type[Cause]] = {"cogging": Cogging, "torque-ripple": TorqueRipple}
-    grid = [cause for cause in list_candidates(found.problem.evidence, kinds) if cause not in tooth.above()]
+    grid = [
+        cause
+        for cause in list_candidates(found.problem.evidence, kinds)
+        if cause not in tooth.above()
+    ]
     library = ColumnLibrary(found.problem.evidence.rig, grid)
     shown = [one.cause for one in library.columns(found)]
     assert second in shown and max(shown, key=partial(worth, found)) == second
@@ -154,7 +171,9 @@ ANY_LOG = st.builds(
 """A second or a week, one angle or a million turns, a motor of a watch or of a press."""
 
 
-@pytest.mark.parametrize("name", sorted(name for name, kind in CAUSES.items() if not kind.of_given_model))
+@pytest.mark.parametrize(
+    "name", sorted(name for name, kind in CAUSES.items() if not kind.of_given_model)
+)
 @given(seen=ANY_LOG, factor=st.floats(1e-9, 1e9))
 def test_whatever_a_log_shows_no_cause_is_tried_beyond_its_bounds(
     name: str, seen: OperatingRange, factor: float
@@ -168,9 +187,15 @@ def test_whatever_a_log_shows_no_cause_is_tried_beyond_its_bounds(
 
 @pytest.mark.parametrize("peak", [1.2, 4.0, 40.0])
 def test_clips_are_tried_a_step_apart_however_rare_the_peaks(peak: float) -> None:
-    clips = [one for one in Saturation.tried("tilt", SEEN._replace(peak=peak)) if isinstance(one, Saturation)]
+    clips = [
+        one
+        for one in Saturation.tried("tilt", SEEN._replace(peak=peak))
+        if isinstance(one, Saturation)
+    ]
     limits = np.array([one.limit for one in clips if one.side == 0 and not one.knee])
-    assert limits[0] == pytest.approx(0.2 * SEEN.torque) and limits[-1] == pytest.approx((1 - 0.05) * peak)
+    assert limits[0] == pytest.approx(0.2 * SEEN.torque) and limits[-1] == pytest.approx(
+        (1 - 0.05) * peak
+    )
     assert np.max(limits[1:] / limits[:-1]) <= 1.25 * (1 + 1e-9)
     off = peak - limits[limits >= (1 - 0.25) * peak * (1 - 1e-9)]
     assert np.max(off[:-1] / off[1:]) <= 1.8 * (1 + 1e-9)
@@ -242,7 +267,8 @@ def test_a_switch_is_found_from_a_gap_that_is_none() -> None:
     tau = part.channels.tau.copy()
     tau[:, j] = inverse(truth, tau[:, j])
     problem = Problem.of(
-        replace(found, parts=(part._replace(channels=part.channels._replace(tau=tau)),)), reduce_parameters(RIG)
+        replace(found, parts=(part._replace(channels=part.channels._replace(tau=tau)),)),
+        reduce_parameters(RIG),
     )
     base = solve_causes(problem, (), solve_causes(problem, ()))
     best = replace(start, width=start.width * low)
@@ -252,14 +278,18 @@ def test_a_switch_is_found_from_a_gap_that_is_none() -> None:
     assert best.width == pytest.approx(low, rel=0.01)
 
 
-@pytest.mark.parametrize("cause", [EncoderOffset(RIG.joints[1], 1e-3), BaseTilt(1e-3, 0.0), BaseTilt(0.0, 1e-3)])
+@pytest.mark.parametrize(
+    "cause", [EncoderOffset(RIG.joints[1], 1e-3), BaseTilt(1e-3, 0.0), BaseTilt(0.0, 1e-3)]
+)
 def test_a_rig_is_changed_within_its_bounds(cause: EncoderOffset | BaseTilt) -> None:
     columns = fitted(nominal(RIG)).columns(cause)
     shape = cause.shapes[0]
     assert columns.lower.tolist() == [shape.lower] and columns.upper.tolist() == [shape.upper]
 
 
-@pytest.mark.parametrize(("given", "side"), [("", 0), (",side=1", 1), (",side=-1", -1), (",side=0", 0)])
+@pytest.mark.parametrize(
+    ("given", "side"), [("", 0), (",side=1", 1), (",side=-1", -1), (",side=0", 0)]
+)
 def test_the_side_of_a_limit_can_be_planted(given: str, side: int) -> None:
     planted = parse_effect(f"saturation:tilt:limit=0.5{given}", RIG)
     assert planted == Saturation("tilt", 0.5, side)
@@ -279,8 +309,12 @@ def test_a_soft_limit_is_a_clip_that_begins_early(knee: float, side: int) -> Non
     if side:
         np.testing.assert_array_equal(y[side * x < 0], x[side * x < 0])
     within = np.abs(y) < 0.49
-    np.testing.assert_allclose([soft.command(one) for one in y[within].tolist()], x[within], rtol=1e-9, atol=1e-12)
-    assert Saturation("tilt", 0.5, side, 20.0).passed(0.2) == pytest.approx(clip.passed(0.2), rel=1e-6)
+    np.testing.assert_allclose(
+        [soft.command(one) for one in y[within].tolist()], x[within], rtol=1e-9, atol=1e-12
+    )
+    assert Saturation("tilt", 0.5, side, 20.0).passed(0.2) == pytest.approx(
+        clip.passed(0.2), rel=1e-6
+    )
 
 
 def growing(joint: str, stiffness: float, rest: float, growth: float) -> Term:
@@ -289,23 +323,33 @@ def growing(joint: str, stiffness: float, rest: float, growth: float) -> Term:
     return Term(CableSpring(joint, growth=growth), tuple(ends.tolist()))
 
 
-@pytest.mark.parametrize(("stiffness", "rest", "growth"), [(0.3, 0.2, 0.15), (0.05, -0.4, 0.4), (0.8, 0.0, 5.0)])
-def test_a_pull_that_grows_is_the_hyperbolic_sine_about_its_rest(stiffness: float, rest: float, growth: float) -> None:
+@pytest.mark.parametrize(
+    ("stiffness", "rest", "growth"), [(0.3, 0.2, 0.15), (0.05, -0.4, 0.4), (0.8, 0.0, 5.0)]
+)
+def test_a_pull_that_grows_is_the_hyperbolic_sine_about_its_rest(
+    stiffness: float, rest: float, growth: float
+) -> None:
     term = growing("tilt", stiffness, rest, growth)
     q = np.linspace(-1.0, 1.0, 41)
     pull = np.asarray(term.torque(Sample(0.0 * q, q, *([0.0 * q] * 4))))
-    np.testing.assert_allclose(pull, stiffness * growth * np.sinh((q - rest) / growth), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        pull, stiffness * growth * np.sinh((q - rest) / growth), rtol=1e-9, atol=1e-12
+    )
     assert {p.name: p.value for p in term.effect.shown(term.values)} == pytest.approx(
         {"stiffness": stiffness, "rest": rest, "growth": growth}, abs=1e-9
     )
-    assert float(term.torque(Sample(0.0, 0.7, 0.0, 0.0, 0.0, 0.0))) == pytest.approx(np.interp(0.7, q, pull), abs=1e-3)
+    assert float(term.torque(Sample(0.0, 0.7, 0.0, 0.0, 0.0, 0.0))) == pytest.approx(
+        np.interp(0.7, q, pull), abs=1e-3
+    )
 
 
 def test_a_pull_that_grows_is_found_where_powers_of_the_angle_are_hidden_by_the_weight() -> None:
     joint = RIG.joints[-1]
     state = fitted(Model(RIG, (growing(joint, 0.02, 0.1, 0.12),)))
     seen = state.problem.evidence.seen[RIG.joint_index(joint)]
-    found = [(worth(state, at := refined(state, one)), at) for one in CableSpring.tried(joint, seen)]
+    found = [
+        (worth(state, at := refined(state, one)), at) for one in CableSpring.tried(joint, seen)
+    ]
     best = max(found, key=lambda row: row[0])[1]
     assert isinstance(best, CableSpring) and best.growth == pytest.approx(0.12, rel=0.05)
 
@@ -319,7 +363,10 @@ def slack(joint: str, above: float, below: float, upper: float, lower: float) ->
     """A cable that is taut above one angle and below another; one of no stiffness is not there."""
     taut = 2 if above and below else 1 if above else -1
     values = tuple(x for x in (above, below) if x)
-    return Term(CableSpring(joint, taut=taut, upper=upper if above else 0.0, lower=lower if below else 0.0), values)
+    return Term(
+        CableSpring(joint, taut=taut, upper=upper if above else 0.0, lower=lower if below else 0.0),
+        values,
+    )
 
 
 @pytest.mark.parametrize(("above", "below"), [(0.3, 0.3), (0.1, 0.4), (0.2, 0.0), (0.0, 0.5)])
@@ -327,7 +374,9 @@ def test_a_slack_cable_pulls_in_proportion_once_it_is_taut(above: float, below: 
     term = slack("tilt", above, below, 0.4, -0.1)
     q = np.linspace(-1.0, 1.0, 41)
     pull = np.asarray(term.torque(Sample(0.0 * q, q, *([0.0 * q] * 4))))
-    np.testing.assert_allclose(pull, np.where(q > 0.4, above * (q - 0.4), np.where(q < -0.1, below * (q + 0.1), 0.0)))
+    np.testing.assert_allclose(
+        pull, np.where(q > 0.4, above * (q - 0.4), np.where(q < -0.1, below * (q + 0.1), 0.0))
+    )
     for at in (-0.7, 0.1, 0.9):
         alone = float(term.torque(Sample(0.0, at, 0.0, 0.0, 0.0, 0.0)))
         assert alone == pytest.approx(np.interp(at, q, pull), abs=1e-12)
@@ -341,31 +390,50 @@ def test_a_slack_cable_pulls_in_proportion_once_it_is_taut(above: float, below: 
     ("joint", "above", "below", "upper", "lower"),
     [(-1, 0.05, 0.15, 0.0, -0.3), (1, 0.2, 0.0, 0.1, 0.0)],
 )
-def test_where_a_cable_comes_taut_is_found(joint: int, above: float, below: float, upper: float, lower: float) -> None:
+def test_where_a_cable_comes_taut_is_found(
+    joint: int, above: float, below: float, upper: float, lower: float
+) -> None:
     term = slack(RIG.joints[joint], above, below, upper, lower)
     state = fitted(Model(RIG, (term,)))
     seen = state.problem.evidence.seen[joint]
     tried = [refined(state, one) for one in CableSpring.tried(term.effect.joint, seen)]
     best = max(tried, key=partial(net, state))
-    assert isinstance(best, CableSpring) and isinstance(term.effect, CableSpring) and best.taut == term.effect.taut
-    assert (best.upper, best.lower) == pytest.approx((term.effect.upper, term.effect.lower), abs=0.02)
+    assert (
+        isinstance(best, CableSpring)
+        and isinstance(term.effect, CableSpring)
+        and best.taut == term.effect.taut
+    )
+    assert (best.upper, best.lower) == pytest.approx(
+        (term.effect.upper, term.effect.lower), abs=0.02
+    )
     assert measure(state, best).beta == pytest.approx(term.values, rel=0.1)
 
 
 @pytest.mark.parametrize("given", ["stiffness=0.02,cubic=0.3", "growth"])
 def test_a_spring_that_is_never_slack_is_not_told_as_one_that_is(given: str) -> None:
     joint = RIG.joints[0]
-    term = growing(joint, 0.05, 0.1, 0.2) if given == "growth" else parse_effect(f"cable-spring:{joint}:{given}", RIG)
+    term = (
+        growing(joint, 0.05, 0.1, 0.2)
+        if given == "growth"
+        else parse_effect(f"cable-spring:{joint}:{given}", RIG)
+    )
     assert isinstance(term, Term)
     state = fitted(Model(RIG, (term,)))
-    tried = [refined(state, one) for one in CableSpring.tried(joint, state.problem.evidence.seen[0])]
+    tried = [
+        refined(state, one) for one in CableSpring.tried(joint, state.problem.evidence.seen[0])
+    ]
     best = max(tried, key=partial(net, state))
     assert isinstance(best, CableSpring) and not best.taut
 
 
-def test_an_angle_of_either_sign_is_moved_by_radians_and_no_end_of_the_slack_passes_the_other() -> None:
+def test_an_angle_of_either_sign_is_moved_by_radians_and_no_end_of_the_slack_passes_the_other() -> (
+    None
+):
     cable = CableSpring("tilt", taut=2, upper=0.1, lower=-0.3)
     assert (up := move_shape(cable, "upper", 2.0)) and (down := move_shape(cable, "upper", 0.5))
-    assert up.to_dict()["upper"] == pytest.approx(0.1 + np.log(2.0)) and down.to_dict()["upper"] == -0.3
+    assert (
+        up.to_dict()["upper"] == pytest.approx(0.1 + np.log(2.0))
+        and down.to_dict()["upper"] == -0.3
+    )
     assert shape_names(cable) == ["upper", "lower"] and shape_names(CableSpring("tilt")) == []
     assert shape_names(CableSpring("tilt", taut=-1, lower=0.2)) == ["lower"]

@@ -26,18 +26,24 @@ JOINT = RIG.joints[-1]
 
 
 @given(st.floats(5.0, 40.0), st.floats(0.05, 0.15), st.floats(0.1, 0.6), st.integers(0, 99))
-def test_flanks_without_a_gap_are_a_spring(flank: float, damping: float, share: float, seed: int) -> None:
+def test_flanks_without_a_gap_are_a_spring(
+    flank: float, damping: float, share: float, seed: int
+) -> None:
     """The link rings on a held motor at F's zero."""
     dt = 1e-4
     x = np.cumsum(np.random.default_rng(seed).normal(size=2000)) / 50
     loose = Backlash(JOINT, 1e-9, 1e-3, share, flank, damping)
     ring = JointFlexibility(JOINT, flank / sqrt(share), damping / sqrt(share), share)
-    np.testing.assert_allclose(loose.acting(x, dt), ring.acting(x, dt), atol=0.01 * np.max(np.abs(x)))
+    np.testing.assert_allclose(
+        loose.acting(x, dt), ring.acting(x, dt), atol=0.01 * np.max(np.abs(x))
+    )
 
 
 @given(st.floats(0.1, 0.5), st.floats(10.0, 40.0), st.floats(-0.3, 0.3), st.integers(0, 99))
 @settings(max_examples=8)
-def test_flanks_pass_on_what_the_rigid_joint_would_ask_for(share: float, flank: float, load: float, seed: int) -> None:
+def test_flanks_pass_on_what_the_rigid_joint_would_ask_for(
+    share: float, flank: float, load: float, seed: int
+) -> None:
     """``∫(y - load) dt = (I + J) v`` of two masses that push on each other through a gap with flanks that give."""
     dt = 1e-4
     rotor = 0.004
@@ -61,7 +67,9 @@ def test_flanks_pass_on_what_the_rigid_joint_would_ask_for(share: float, flank: 
     beside = share / (1 - share) * load
     acting = one.acting(command + beside, dt) - beside
     impulse = np.cumsum(acting - load) * dt
-    assert np.mean(np.abs(impulse - (rotor + link) * np.array(rates))) < 0.03 * np.max(np.abs(impulse))
+    assert np.mean(np.abs(impulse - (rotor + link) * np.array(rates))) < 0.03 * np.max(
+        np.abs(impulse)
+    )
 
 
 def test_a_gap_in_which_the_loop_chatters_is_told_by_every_sample() -> None:
@@ -70,7 +78,9 @@ def test_a_gap_in_which_the_loop_chatters_is_told_by_every_sample() -> None:
     controller = tune(nominal(RIG), bandwidth_hz=8.0).controller
     reference = fourier(RIG, 3, 8.0, controller.dt)
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(3), drive=(true,))
-    first = plain(replace(log, tau=log.tau + 0.01 * np.random.default_rng(4).normal(size=log.tau.shape)))
+    first = plain(
+        replace(log, tau=log.tau + 0.01 * np.random.default_rng(4).normal(size=log.tau.shape))
+    )
     assert np.max(first.fit.dispersion) > 10
     tried = Backlash.tried(true.joint, first.problem.evidence.seen[0])
     found = refined(first, max(tried, key=partial(worth, first)))

@@ -86,12 +86,18 @@ CASES = {
     "a heavier payload that was moved": (
         "turret",
         (MOVED, f"payload-mass:extra={MASS}"),
-        {("payload-shift", None): {"x": 0.0042, "z": -0.001}, ("payload-mass", None): {"extra": MASS}},
+        {
+            ("payload-shift", None): {"x": 0.0042, "z": -0.001},
+            ("payload-mass", None): {"extra": MASS},
+        },
     ),
     "a faint mass beside a large shift": (
         "handheld",
         ("payload-shift:x=0.015,y=0.008,z=-0.006", "payload-mass:extra=0.0393"),
-        {("payload-shift", None): {"x": 0.015, "y": 0.008, "z": -0.006}, ("payload-mass", None): {"extra": 0.0393}},
+        {
+            ("payload-shift", None): {"x": 0.015, "y": 0.008, "z": -0.006},
+            ("payload-mass", None): {"extra": 0.0393},
+        },
     ),
     "nothing": ("turret", (), {}),
 }
@@ -119,17 +125,24 @@ def test_products_of_a_link_and_of_its_payload_are_one_cause() -> None:
     told = {one.name: one for one in found.findings[0].parameters}
     for name, value in {"Ixy": 0.0004, "Ixz": 0.0006, "Iyz": -0.0007}.items():
         alike = [told[one] for one in (name, f"payload_{name}") if one in told]
-        assert sum(one.value for one in alike) == pytest.approx(value, abs=4 * max(one.std for one in alike))
+        assert sum(one.value for one in alike) == pytest.approx(
+            value, abs=4 * max(one.std for one in alike)
+        )
 
 
 def test_a_nominal_urdf_makes_no_finding_and_says_it_all_the_same() -> None:
     found = examine(load("turret", "nominal"), MOVED)
     assert not found.findings and found.verdict == "nothing"
     row = found.to_dict()["given_model"]["camera"]
-    assert row["com_mm"][0] == pytest.approx(4.2, abs=3 * row["com_std_mm"][0]) and "to ± 0.0" in row["sentence"]
+    assert (
+        row["com_mm"][0] == pytest.approx(4.2, abs=3 * row["com_std_mm"][0])
+        and "to ± 0.0" in row["sentence"]
+    )
 
 
-@pytest.mark.parametrize("more", [(), ("cogging:tilt:amplitude=0.03,harmonic=12",)], ids=["alone", "beside teeth"])
+@pytest.mark.parametrize(
+    "more", [(), ("cogging:tilt:amplitude=0.03,harmonic=12",)], ids=["alone", "beside teeth"]
+)
 def test_the_diagnosis_says_of_the_payload_what_identify_says(more: tuple[str, ...]) -> None:
     """Place, mass and balance are those of `identify` with the found causes, and true to three deviations."""
     rig = load("handheld", "nominal")
@@ -143,12 +156,16 @@ def test_the_diagnosis_says_of_the_payload_what_identify_says(more: tuple[str, .
     shown = [k for k, x in enumerate(row["com_mm"]) if x is not None]
     com, std = (np.array([row[key][k] for k in shown]) for key in ("com_mm", "com_std_mm"))
     np.testing.assert_array_less(np.abs(com - np.array([4.2, 2.0, -1.0])[shown]), 3 * std)
-    assert shown and row["mass"] is None, "the link that carries the camera may weigh what the camera does not"
+    assert shown and row["mass"] is None, (
+        "the link that carries the camera may weigh what the camera does not"
+    )
 
 
 def test_the_diagnosis_takes_a_mass_that_was_weighed() -> None:
     rig = load("turret", "nominal")
-    found = diagnose(rig, [record(rig, MOVED)], {"stribeck": CAUSES["stribeck"]}, rng=RNG(0), mass=1.0)
+    found = diagnose(
+        rig, [record(rig, MOVED)], {"stribeck": CAUSES["stribeck"]}, rng=RNG(0), mass=1.0
+    )
     assert found.given.balance is not None and found.given.balance.mass == pytest.approx(1.0)
     assert found.given.apart is not None and found.given.apart.is_weighed
 
@@ -172,12 +189,20 @@ def test_causes_that_hide_each_other_are_found_together(clean: BaseDifference) -
     ]
     for k, cause in enumerate(causes):
         size = 300.0 / np.linalg.norm(clean.whitener @ response.compute([cause]))
-        causes[k] = replace(cause, **{shape.name: size * getattr(cause, shape.name) for shape in cause.shapes})
-    found = find_given_causes(replace(clean, change=clean.change + response.compute(causes)), BODIES)
-    assert {(type(one), one.place) for one in found.best.causes.values()} == {(type(one), one.place) for one in causes}
+        causes[k] = replace(
+            cause, **{shape.name: size * getattr(cause, shape.name) for shape in cause.shapes}
+        )
+    found = find_given_causes(
+        replace(clean, change=clean.change + response.compute(causes)), BODIES
+    )
+    assert {(type(one), one.place) for one in found.best.causes.values()} == {
+        (type(one), one.place) for one in causes
+    }
 
 
-@pytest.mark.xfail(reason="unknown: torque-gain is neither found nor untestable nor immaterial", strict=True)
+@pytest.mark.xfail(
+    reason="unknown: torque-gain is neither found nor untestable nor immaterial", strict=True
+)
 def test_a_gain_that_this_log_cannot_show_is_told() -> None:
     rig = Rig.load("turret")
     log = record(rig)
@@ -187,6 +212,10 @@ def test_a_gain_that_this_log_cannot_show_is_told() -> None:
     found = diagnose(rig, [halved], only, rng=RNG(0), filtering=ALIGNED)
     assert ("torque-gain", "pan") in {(row.cause, row.joint) for row in found.untestable}
     (note,) = (note for note in found.notes if "inertia about its axis" in note)
-    assert note.startswith("pan: the inertia about its axis is 25") and "more" in note and "torque-gain" in note
+    assert (
+        note.startswith("pan: the inertia about its axis is 25")
+        and "more" in note
+        and "torque-gain" in note
+    )
     right = diagnose(rig, [log], only, rng=RNG(0), filtering=ALIGNED)
     assert not any("inertia about its axis" in note for note in right.notes)

@@ -35,7 +35,9 @@ def two_masses(push: Array, gap: float, rotor: float, link: float, load: float, 
     out = []
     touching = True
     for u in push.tolist():
-        between = (link * u + rotor * load) / (rotor + link)  # what holds the two together while they touch
+        between = (link * u + rotor * load) / (
+            rotor + link
+        )  # what holds the two together while they touch
         touching = touching and between * place >= 0
         if touching:
             rates = [rates[0] + (u - load) / (rotor + link) * dt] * 2
@@ -56,11 +58,15 @@ def test_a_spring_within_its_bounds_is_felt(frequency: float, damping: float, sh
     """Whatever a search comes by on its way can be computed: it refused a soft spring before a light rotor."""
     load = np.ones((40, 1))
     inertial = np.linspace(-1.0, 1.0, 40)[:, None]
-    assert np.all(np.isfinite(JointFlexibility(JOINT, frequency, damping, share).felt(load, inertial, 0.005)))
+    assert np.all(
+        np.isfinite(JointFlexibility(JOINT, frequency, damping, share).felt(load, inertial, 0.005))
+    )
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.6), st.floats(-0.3, 0.3), st.floats(0.0, 0.2))
-def test_a_gap_passes_on_what_the_rigid_joint_would_ask_for(seed: int, share: float, load: float, brake: float) -> None:
+def test_a_gap_passes_on_what_the_rigid_joint_would_ask_for(
+    seed: int, share: float, load: float, brake: float
+) -> None:
     """Impulse of what acts, less friction and load, is the momentum of both masses at the rotor's rate."""
     rng = np.random.default_rng(seed)
     dt = 1e-4
@@ -73,7 +79,9 @@ def test_a_gap_passes_on_what_the_rigid_joint_would_ask_for(seed: int, share: fl
     rate = two_masses(command - friction, signal.gap, inertia, link, load, dt)
     acting = signal.along(command, dt, JointLoad(friction, np.full_like(t, load)))
     impulse = np.cumsum(acting - friction - load) * dt
-    assert np.mean(np.abs(impulse - (inertia + link) * rate)) < 0.01 * np.max(np.abs(impulse)) + 1e-12
+    assert (
+        np.mean(np.abs(impulse - (inertia + link) * rate)) < 0.01 * np.max(np.abs(impulse)) + 1e-12
+    )
 
 
 def test_who_knows_nothing_of_a_joint_takes_it_to_bear_nothing() -> None:
@@ -96,7 +104,9 @@ class Swung(NamedTuple):
     still: NDArray[np.bool_]
 
 
-def swung(ring: JointFlexibility, inertia: float, dry: float, load: Array, push: Array, dt: float) -> Swung:
+def swung(
+    ring: JointFlexibility, inertia: float, dry: float, load: Array, push: Array, dt: float
+) -> Swung:
     """Integrate them, the link swinging already; the rotor sticks where the friction can hold it."""
     rotor = ring.rotor_share * inertia
     link = (1 - ring.rotor_share) * inertia
@@ -120,7 +130,13 @@ def swung(ring: JointFlexibility, inertia: float, dry: float, load: Array, push:
     return Swung(push, brakes, accelerations, still)
 
 
-@given(st.floats(5.0, 25.0), st.floats(0.02, 0.3), st.floats(0.1, 0.6), st.floats(0.0, 0.2), st.integers(0, 99))
+@given(
+    st.floats(5.0, 25.0),
+    st.floats(0.02, 0.3),
+    st.floats(0.1, 0.6),
+    st.floats(0.0, 0.2),
+    st.integers(0, 99),
+)
 def test_a_spring_passes_on_what_the_link_asks_for_while_the_rotor_sticks_too(
     frequency: float, damping: float, share: float, dry: float, seed: int
 ) -> None:
@@ -131,7 +147,9 @@ def test_a_spring_passes_on_what_the_link_asks_for_while_the_rotor_sticks_too(
     ring = JointFlexibility(JOINT, frequency, damping, share)
     t = 1e-4 * np.arange(15000)
     load = 0.1 + 0.05 * np.sin(2 * np.pi * 0.7 * t + rng.uniform(0, 6))
-    push = load + 0.25 * np.sin(2 * np.pi * rng.uniform(1, 3) * t) + 0.05 * np.sin(2 * np.pi * 5 * t)
+    push = (
+        load + 0.25 * np.sin(2 * np.pi * rng.uniform(1, 3) * t) + 0.05 * np.sin(2 * np.pi * 5 * t)
+    )
     was = swung(ring, inertia, dry, load, push, dt)
     told = np.where(was.still, rng.normal(size=len(t)), was.friction)
     acting = ring.along(push, dt, JointLoad(told, load, inertia * was.acceleration, was.still))
@@ -146,7 +164,9 @@ def test_a_resonance_is_moved_along_its_zero(frequency: float, share: float, fac
     assert isinstance(other, JointFlexibility)
     assert sqrt(other.rotor_share) * other.frequency == pytest.approx(sqrt(share) * frequency)
     assert other.damping / other.frequency == pytest.approx(0.05 / frequency)
-    assert JointFlexibility(JOINT, frequency).moved("frequency", 9.0) == JointFlexibility(JOINT, 9.0)
+    assert JointFlexibility(JOINT, frequency).moved("frequency", 9.0) == JointFlexibility(
+        JOINT, 9.0
+    )
 
 
 def brisk(joint: int, seed: int, seconds: float, dt: float) -> Motion:
@@ -177,13 +197,21 @@ def test_a_spring_is_found_by_its_zero() -> None:
     assert told == pytest.approx(stiff, rel=0.1)
 
 
-@pytest.mark.parametrize(("stroke", "damping", "slips"), [(0.03, 0.2, False), (0.08, 0.05, False), (0.05, 0.1, True)])
-def test_bristles_are_told_from_others_by_damping_and_lengths(stroke: float, damping: float, slips: bool) -> None:
+@pytest.mark.parametrize(
+    ("stroke", "damping", "slips"), [(0.03, 0.2, False), (0.08, 0.05, False), (0.05, 0.1, True)]
+)
+def test_bristles_are_told_from_others_by_damping_and_lengths(
+    stroke: float, damping: float, slips: bool
+) -> None:
     name = RIG.joints[0]
     term = Term(Presliding(name, stroke, True, slips), (0.1, damping))
     plain = nominal(RIG)
-    log = prescribed(replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3)
-    problem = Problem.of(gather(RIG, [log], replace(DIAGNOSIS_BAND, alignment=0.0)), reduce_parameters(RIG))
+    log = prescribed(
+        replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3
+    )
+    problem = Problem.of(
+        gather(RIG, [log], replace(DIAGNOSIS_BAND, alignment=0.0)), reduce_parameters(RIG)
+    )
     first = solve_causes(problem, (), solve_causes(problem, ()))
     tried = [refined(first, one) for one in Presliding.tried(name, problem.evidence.seen[0])]
     found = max(tried, key=partial(worth, first))
@@ -194,10 +222,15 @@ def test_bristles_are_told_from_others_by_damping_and_lengths(stroke: float, dam
 
 
 @given(st.floats(15, 30), st.floats(0.1, 0.3), st.floats(1.5, 3.0))
-def test_far_under_its_resonance_a_spring_shows_one_figure_of_two(hertz: float, share: float, factor: float) -> None:
+def test_far_under_its_resonance_a_spring_shows_one_figure_of_two(
+    hertz: float, share: float, factor: float
+) -> None:
     command = np.sin(2 * np.pi * 2.0 * np.arange(2000) / 1000) * np.hanning(2000)
     other = factor * hertz, 1 / (1 + (1 / share - 1) * factor**2)  # the same (1/r - 1)/ω²
-    one, two = (command - JointFlexibility("pan", f, 0.05, r).acting(command, 1e-3) for f, r in ((hertz, share), other))
+    one, two = (
+        command - JointFlexibility("pan", f, 0.05, r).acting(command, 1e-3)
+        for f, r in ((hertz, share), other)
+    )
     assert np.linalg.norm(one - two) < 0.05 * np.linalg.norm(one)
 
 

@@ -6,15 +6,34 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.control import ComputedTorque, Pid, bench_run
-from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Diagnosis, Problem, diagnose, gather, refit_without, solve_causes
-from gimbal_pin.dynamics import Model, Plant, State, compute_rnea, nominal, plant_with, reduce_parameters
+from gimbal_pin.diagnosis import (
+    DIAGNOSIS_BAND,
+    Diagnosis,
+    Problem,
+    diagnose,
+    gather,
+    refit_without,
+    solve_causes,
+)
+from gimbal_pin.dynamics import (
+    Model,
+    Plant,
+    State,
+    compute_rnea,
+    nominal,
+    plant_with,
+    reduce_parameters,
+)
 from gimbal_pin.effects import CAUSES, LoadDependentFriction, Sample, Term, parse_effect, read_cause
 from gimbal_pin.log import Log, Platform
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
 
 DT = 0.004
-FRICTION = {name: CAUSES[name] for name in (*(n for n in CAUSES if "friction" in n), "stribeck", "torque-bias")}
+FRICTION = {
+    name: CAUSES[name]
+    for name in (*(n for n in CAUSES if "friction" in n), "stribeck", "torque-bias")
+}
 BEARING = LoadDependentFriction("tilt", weighs=True, driven=0.5, preload=0.1)
 
 
@@ -26,8 +45,12 @@ def rig(name: str = "thesis") -> Rig:
 def recorded(name: str, text: str, seed: int = 0) -> Log:
     where = rig(name)
     plant = plant_with(nominal(where), [parse_effect(text, where)]).plant
-    mover = ComputedTorque(nominal(where), (Pid.placed(5.0, 1.0, 0.2),) * where.n, DT, lead=1.5 * DT)
-    return bench_run(plant, mover, rng=np.random.default_rng(seed), reference=fourier(where, seed, 15.0, DT))
+    mover = ComputedTorque(
+        nominal(where), (Pid.placed(5.0, 1.0, 0.2),) * where.n, DT, lead=1.5 * DT
+    )
+    return bench_run(
+        plant, mover, rng=np.random.default_rng(seed), reference=fourier(where, seed, 15.0, DT)
+    )
 
 
 def carrying(size: int, rng: np.random.Generator) -> Platform:
@@ -58,7 +81,9 @@ def test_plant_and_inverse_agree_where_the_base_moves() -> None:
     state = State(rng.uniform(-0.5, 0.5, where.n), rng.uniform(0.5, 1.0, where.n))
     a = plant.acceleration(t, state, tau)
     row = (x[None] for x in (state.q, state.v, a))
-    np.testing.assert_allclose(model.inverse(*row, t=np.array([t]), platform=base.part(slice(2, 3)))[0], tau, atol=1e-8)
+    np.testing.assert_allclose(
+        model.inverse(*row, t=np.array([t]), platform=base.part(slice(2, 3)))[0], tau, atol=1e-8
+    )
 
 
 def test_a_preload_makes_friction_rise_smoothly() -> None:
@@ -70,15 +95,24 @@ def test_a_preload_makes_friction_rise_smoothly() -> None:
         return np.asarray(LoadDependentFriction("tilt", True, 0.0, preload).basis(at)[0])
 
     np.testing.assert_allclose(rise(0.0), np.abs(load))
-    assert np.all(np.abs(rise(100.0) - load**2 / 200.0) <= load**4 / 8e6 + 1e-12)  # the series' next term
+    assert np.all(
+        np.abs(rise(100.0) - load**2 / 200.0) <= load**4 / 8e6 + 1e-12
+    )  # the series' next term
     np.testing.assert_allclose(rise(1e-4), np.abs(load) - 1e-4, atol=1.1e-4)
 
 
 def test_the_forms_are_planted_and_read_back() -> None:
-    term = parse_effect("load-dependent-friction:tilt:mu=0.3,weighs=1,driven=0.5,preload=0.1", rig())
+    term = parse_effect(
+        "load-dependent-friction:tilt:mu=0.3,weighs=1,driven=0.5,preload=0.1", rig()
+    )
     assert term == Term(BEARING, (0.3,)) and read_cause(BEARING.to_dict()) == BEARING
-    assert parse_effect("load-dependent-friction:tilt:mu=0.3", rig()) == Term(LoadDependentFriction("tilt"), (0.3,))
-    assert "30 % of the weight that the joint carries and 50 % of its torque, beyond 0.1 N m" in term.sentence()
+    assert parse_effect("load-dependent-friction:tilt:mu=0.3", rig()) == Term(
+        LoadDependentFriction("tilt"), (0.3,)
+    )
+    assert (
+        "30 % of the weight that the joint carries and 50 % of its torque, beyond 0.1 N m"
+        in term.sentence()
+    )
 
 
 def test_a_fit_without_a_cause_bears_what_the_whole_one_does() -> None:
@@ -99,7 +133,9 @@ def test_a_fit_without_a_cause_bears_what_the_whole_one_does() -> None:
     assert not np.allclose(base.torque[0], state.torque[0])
     channels = problem.evidence.parts[0].channels
     rest = 0 * channels.q
-    np.testing.assert_allclose(state.load.weight[0], compute_rnea(state.rig, channels.q, rest, rest))
+    np.testing.assert_allclose(
+        state.load.weight[0], compute_rnea(state.rig, channels.q, rest, rest)
+    )
 
 
 def test_what_a_joint_carries_is_found() -> None:

@@ -28,8 +28,14 @@ def swing(seed: int, shaken: float, inertia: float = INERTIA) -> Log:
     t = np.arange(0.0, 30.0, 0.004)
     slow, fast = (2 * np.pi * rng.uniform(*band, 12) for band in ((0.1, 1.0), (4.0, 12.0)))
     phase = rng.uniform(0.0, 2 * np.pi, (2, 12))
-    q, v, a = (sum(0.2 * w**k * np.sin(w * t + p + k * np.pi / 2) for w, p in zip(slow, phase[0])) for k in range(3))
-    dq, dv = (shaken * sum(w**k * np.sin(w * t + p + k * np.pi / 2) for w, p in zip(fast, phase[1])) for k in range(2))
+    q, v, a = (
+        sum(0.2 * w**k * np.sin(w * t + p + k * np.pi / 2) for w, p in zip(slow, phase[0]))
+        for k in range(3)
+    )
+    dq, dv = (
+        shaken * sum(w**k * np.sin(w * t + p + k * np.pi / 2) for w, p in zip(fast, phase[1]))
+        for k in range(2)
+    )
     tau = inertia * a + WEIGHT * np.sin(q) + 0.05 * v + 0.1 * np.tanh(v / 0.01) - 0.5 * dv
     tau = tau + 0.01 * rng.standard_normal(len(t))
     return Log("swing", ("swing",), t, (q + dq)[:, None], tau=tau[:, None])
@@ -57,10 +63,14 @@ def test_a_quiet_motion_tells_the_inertia_and_a_shaken_one_does_not(pendulum: Ri
 
 
 @pytest.mark.parametrize("shaken", [False, True])
-def test_nothing_that_an_inertia_feels_is_named_where_noise_may_hide_it(pendulum: Rig, shaken: bool) -> None:
+def test_nothing_that_an_inertia_feels_is_named_where_noise_may_hide_it(
+    pendulum: Rig, shaken: bool
+) -> None:
     log = swing(0, 0.02 if shaken else 0.0)
     joint = pendulum.joints[0]
     first = explain(gather(pendulum, [log], DIAGNOSIS_BAND), reduce_parameters(pendulum), {}).first
     springs = JointFlexibility(joint, 8.0, rotor_share=0.3), Armature(joint), TorqueGain(joint)
     assert [is_hidden_by_noise(first, cause) for cause in springs] == [shaken] * 3
-    assert not any(is_hidden_by_noise(first, cause) for cause in (Delay(joint, 0.01), Cogging(joint, (7.0,))))
+    assert not any(
+        is_hidden_by_noise(first, cause) for cause in (Delay(joint, 0.01), Cogging(joint, (7.0,)))
+    )

@@ -62,17 +62,25 @@ def recorded(rig: Rig, motion: Motion, planted: str, seed: int) -> Log:
     rng = np.random.default_rng(seed)
     shape = motion.q.shape
     q, v = (x + std * rng.standard_normal(shape) for x, std in ((motion.q, 1e-5), (motion.v, 1e-3)))
-    tau = plant.inverse(motion.q, motion.v, motion.a, t=motion.t) + 3e-3 * rng.standard_normal(shape)
+    tau = plant.inverse(motion.q, motion.v, motion.a, t=motion.t) + 3e-3 * rng.standard_normal(
+        shape
+    )
     return Log(f"log {seed}", rig.joints, motion.t, q, v, tau)
 
 
 def said(rig: Rig, logs: list[Log], causes: Mapping[str, type[Cause]]) -> Diagnosis:
     band = replace(DIAGNOSIS_BAND, alignment=0.0)  # the torque is that of the sample itself
-    return diagnose(rig, logs, causes, rng=np.random.default_rng(1), holdout="last-third", filtering=band)
+    return diagnose(
+        rig, logs, causes, rng=np.random.default_rng(1), holdout="last-third", filtering=band
+    )
 
 
-def designed(found: Diagnosis, causes: Mapping[str, type[Cause]], tries: int = 10) -> NextExperiment:
-    plan = next_experiment(found, causes, rng=np.random.default_rng(3), seconds=SECONDS, tries=tries, dt=DT)
+def designed(
+    found: Diagnosis, causes: Mapping[str, type[Cause]], tries: int = 10
+) -> NextExperiment:
+    plan = next_experiment(
+        found, causes, rng=np.random.default_rng(3), seconds=SECONDS, tries=tries, dt=DT
+    )
     assert plan is not None
     return plan
 
@@ -109,10 +117,14 @@ def test_the_next_experiment_parts_what_was_ambiguous(rig: Rig, planted: str) ->
     plan = follows(planted)
     promised = next(p for p in plan.partings if {p.cause, p.rival} == {name, rival})
     assert plan.motion is not None and promised.expected is not None
-    assert promised.expected.deviations > 3 * promised.now.deviations and promised.outcome == "named"
+    assert (
+        promised.expected.deviations > 3 * promised.now.deviations and promised.outcome == "named"
+    )
     assert promised.now.probability < SURE <= promised.expected.probability
     after = said(rig, [first, recorded(rig, plan.motion, planted, 1)], causes)
-    assert after.verdict == "named" and [(f.cause, f.joint) for f in after.findings] == [(name, planted.split(":")[1])]
+    assert after.verdict == "named" and [(f.cause, f.joint) for f in after.findings] == [
+        (name, planted.split(":")[1])
+    ]
     assert planned(after, causes, rng=np.random.default_rng(0)).planned is None
 
 
@@ -122,7 +134,11 @@ def test_no_name_is_promised_where_the_joint_cannot_turn_far_enough(rig: Rig) ->
     found = said(rig, [recorded(rig, small(0.4), "cable-spring:pan:stiffness=0.05", 0)], causes)
     assert found.findings[0].cause == "cogging" and set(causes) <= set(found.findings[0].alike)
     (parting,) = designed(found, causes).partings
-    assert parting.outcome == "few" and parting.expected is not None and parting.expected.probability == 0.5
+    assert (
+        parting.outcome == "few"
+        and parting.expected is not None
+        and parting.expected.probability == 0.5
+    )
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +160,9 @@ def test_it_keeps_to_the_limits_and_to_rest(rig: Rig, plan: NextExperiment) -> N
     np.testing.assert_allclose(np.gradient(motion.q, DT, axis=0)[1:-1], motion.v[1:-1], atol=1e-2)
 
 
-def test_it_is_a_file_that_others_read(rig: Rig, ambiguous: Diagnosis, plan: NextExperiment, tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_it_is_a_file_that_others_read(
+    rig: Rig, ambiguous: Diagnosis, plan: NextExperiment, tmp_path
+) -> None:  # type: ignore[no-untyped-def]
     files, _ = write_diagnosis(replace(ambiguous, planned=plan), tmp_path, "page")
     motion = read_motion(files["next experiment"], rig)
     np.testing.assert_allclose(motion.q, plan.motion.q if plan.motion else 0.0, atol=1e-12)
@@ -154,13 +172,20 @@ def test_it_is_a_file_that_others_read(rig: Rig, ambiguous: Diagnosis, plan: Nex
         assert data["partings"][0][f"{what}_expected"] > data["partings"][0][f"{what}_now"]
 
 
-def test_more_rows_never_bring_two_causes_nearer(ambiguous: Diagnosis, plan: NextExperiment) -> None:
+def test_more_rows_never_bring_two_causes_nearer(
+    ambiguous: Diagnosis, plan: NextExperiment
+) -> None:
     """A separation is the smallest sum of squares: rows are only ever added to it."""
-    assert all(p.expected is None or p.expected.deviations >= p.now.deviations * (1 - 1e-9) for p in plan.partings)
+    assert all(
+        p.expected is None or p.expected.deviations >= p.now.deviations * (1 - 1e-9)
+        for p in plan.partings
+    )
     assert all(p.now.share <= 1 for p in plan.partings)
 
 
-def test_an_interrupted_search_keeps_the_best_so_far(ambiguous: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_search_keeps_the_best_so_far(
+    ambiguous: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
     calls: Iterator[int] = iter(range(100))
 
     expected = Contest.expected
@@ -183,8 +208,15 @@ def test_no_motion_parts_a_bias_from_asymmetric_friction(rig: Rig) -> None:
     plan = designed(found, causes, tries=6)
     assert plan.motion is None and plan.seconds == 0.0
     assert [p.expected for p in plan.partings] == [None]
-    assert "one torque" not in plan.lines[0] and "holds at rest" in plan.lines[0] and len(plan.lines) == 1
-    assert "can be the same torque in every motion that was tried; what else may part them" in plan.lines[0]
+    assert (
+        "one torque" not in plan.lines[0]
+        and "holds at rest" in plan.lines[0]
+        and len(plan.lines) == 1
+    )
+    assert (
+        "can be the same torque in every motion that was tried; what else may part them"
+        in plan.lines[0]
+    )
 
 
 def parted(rival: str, now: Apart, expected: Apart | None) -> Parting:
@@ -198,10 +230,15 @@ def test_rivals_that_fare_alike_are_told_together() -> None:
     rivals = [("a", near, far), ("b", near, far), ("d", near, near), ("e", near, None)]
     lines = NextExperiment(("pan",), None, tuple(parted(*row) for row in rivals)).lines
     assert all(line.count("slow sweeps") <= 1 for line in lines)
-    assert lines[0] == "pan: cogging is 1.1 times as likely as a, b so far and, if it is there, " + (
+    assert lines[
+        0
+    ] == "pan: cogging is 1.1 times as likely as a, b so far and, if it is there, " + (
         "at least 100 times with the next experiment, in 19 of 20 logs"
     )
-    assert "likely as d" in lines[1] and "too little to name it; try also slow sweeps; or what shows d" in lines[1]
+    assert (
+        "likely as d" in lines[1]
+        and "too little to name it; try also slow sweeps; or what shows d" in lines[1]
+    )
     assert "cogging and e can be the same" in lines[2] and len(lines) == 3
 
 
@@ -222,8 +259,12 @@ def cogged() -> Diagnosis:
     return said(Rig.load("turret"), [log], few("cogging"))
 
 
-@pytest.mark.parametrize("cause", [JointFlexibility("tilt", 30.0, 0.1, 0.3), Backlash("tilt", 1e-3, 1e-3, 0.25)])
-def test_what_is_behind_the_motors_friction_is_imagined_on_another_motion(rig: Rig, cause: Cause) -> None:
+@pytest.mark.parametrize(
+    "cause", [JointFlexibility("tilt", 30.0, 0.1, 0.3), Backlash("tilt", 1e-3, 1e-3, 0.25)]
+)
+def test_what_is_behind_the_motors_friction_is_imagined_on_another_motion(
+    rig: Rig, cause: Cause
+) -> None:
     """What the joint bears comes from the logs: a motion of another length has other rows than their fit."""
     found = cogged()
     assert found.state is not None
@@ -254,6 +295,10 @@ def test_a_joint_that_the_logs_hold_is_held_by_the_next_one(rig: Rig, tmp_path: 
     causes = few("cogging", "cable-spring")
     found = said(held, [recorded(held, alone, "cogging:pan:amplitude=0.05,harmonic=3", 0)], causes)
     assert found.verdict == "ambiguous"
-    files, _ = write_diagnosis(replace(found, planned=designed(found, causes, tries=4)), tmp_path, "page")
+    files, _ = write_diagnosis(
+        replace(found, planned=designed(found, causes, tries=4)), tmp_path, "page"
+    )
     motion = read_motion(files["next experiment"], rig)
-    assert np.ptp(motion.q[:, 0]) > 0.1 and np.all(motion.q[:, 1] == 0.1) and not motion.v[:, 1].any()
+    assert (
+        np.ptp(motion.q[:, 0]) > 0.1 and np.all(motion.q[:, 1] == 0.1) and not motion.v[:, 1].any()
+    )

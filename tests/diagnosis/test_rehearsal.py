@@ -59,7 +59,9 @@ def said(effect: str, factor: float, seed: int) -> Diagnosis:
 def test_a_log_shows_twice_what_is_told_and_not_a_third_of_it(cause: str) -> None:
     told = row(rehearsed(), cause)
     assert told.seen_from is not None
-    assert [cause in found.alike for found in said(told.seen_from.effect, 2.0, 1).findings] == [True]
+    assert [cause in found.alike for found in said(told.seen_from.effect, 2.0, 1).findings] == [
+        True
+    ]
     assert [found.cause for found in said(told.seen_from.effect, 1 / 3, 2).findings] == []
 
 
@@ -75,7 +77,9 @@ def test_what_a_log_cannot_tell_apart_is_said_beforehand() -> None:
     assert told.seen_from is not None and told.named_from is None
     assert "torque-bias" in [one.cause for one in told.confused_with]
     (found,) = said(told.seen_from.effect, 2.0, 3).findings
-    assert found.status == "ambiguous" and {"asymmetric-friction", "torque-bias"} <= set(found.alike)
+    assert found.status == "ambiguous" and {"asymmetric-friction", "torque-bias"} <= set(
+        found.alike
+    )
 
 
 def test_an_upright_axis_hides_where_its_encoder_has_its_zero() -> None:
@@ -106,7 +110,12 @@ def test_noise_hides_in_proportion() -> None:
 def test_every_size_is_an_effect_that_simulate_plants(name: str) -> None:
     planted_on = Rig.load(name)
     found = rehearse(planted_on, fourier(planted_on, 1, 15.0, DT), rng=0)
-    sizes = [(one, size) for one in found.causes for size in (one.seen_from, one.named_from) if size is not None]
+    sizes = [
+        (one, size)
+        for one in found.causes
+        for size in (one.seen_from, one.named_from)
+        if size is not None
+    ]
     assert len({one.cause for one, _ in sizes}) > 12
     for one, size in sizes:
         parse_effect(size.effect, planted_on)
@@ -119,12 +128,21 @@ def test_the_command_line_tells_what_simulated_logs_show(run: Run, tmp_path: Pat
     log = tmp_path / "log.csv"
     still = fourier(rig(), 3, 16.0)
     only = np.array([1.0, 0.0])
-    write_motion(replace(still, q=still.q * only, v=still.v * only, a=still.a * only), rig().joints, path)
+    write_motion(
+        replace(still, q=still.q * only, v=still.v * only, a=still.a * only), rig().joints, path
+    )
     found = result(run, "rehearse", "turret", path)
     held = {one["why"] for one in found["causes"] if one["joint"] == "tilt"}
     assert held == {"the motion holds the joint still"}
-    (bias,) = (one["seen_from"] for one in found["causes"] if (one["cause"], one["joint"]) == ("torque-bias", "pan"))
-    assert bias["effect"].startswith("torque-bias:pan:bias=") and (bias["parameter"], bias["unit"]) == ("bias", "N m")
+    (bias,) = (
+        one["seen_from"]
+        for one in found["causes"]
+        if (one["cause"], one["joint"]) == ("torque-bias", "pan")
+    )
+    assert bias["effect"].startswith("torque-bias:pan:bias=") and (
+        bias["parameter"],
+        bias["unit"],
+    ) == ("bias", "N m")
     effect = f"torque-bias:pan:bias={2 * bias['value']}"
     assert run("simulate", "turret", "--reference", path, "--effect", effect, "-o", log)[0] == 0
     (seen,) = result(run, "diagnose", "turret", log)["findings"]

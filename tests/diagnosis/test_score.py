@@ -20,7 +20,9 @@ RNG = np.random.default_rng
 
 def coloured(rng: np.random.Generator, keep: float) -> Array:
     """First-order noise of unit size, (ROWS,)."""
-    return np.asarray(lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], rng.normal(size=ROWS + 200))[200:])
+    return np.asarray(
+        lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], rng.normal(size=ROWS + 200))[200:]
+    )
 
 
 def fitted(residual: Array) -> Fit:
@@ -53,14 +55,20 @@ def test_a_columns_size_is_nothing_to_its_gain(seed: int, width: int, power: flo
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 1))
-def test_a_column_at_one_joint_is_one_that_is_zero_at_the_others(seed: int, width: int, joint: int) -> None:
+def test_a_column_at_one_joint_is_one_that_is_zero_at_the_others(
+    seed: int, width: int, joint: int
+) -> None:
     rng = RNG(seed)
     base = rng.normal(size=(ROWS, 2, 3))
     own = rng.normal(size=(ROWS, width))
-    now = fit(base, rng.normal(size=(ROWS, 2)) * [1.0, 3.0], np.ones(2), np.arange(ROWS) * BLOCKS // ROWS)
+    now = fit(
+        base, rng.normal(size=(ROWS, 2)) * [1.0, 3.0], np.ones(2), np.arange(ROWS) * BLOCKS // ROWS
+    )
     everywhere = np.zeros((ROWS, 2, width))
     everywhere[:, joint] = own
-    here, all_over = (gained(now, columns, False) for columns in (column(own, joint), column(everywhere, None)))
+    here, all_over = (
+        gained(now, columns, False) for columns in (column(own, joint), column(everywhere, None))
+    )
     assert here.gain == pytest.approx(all_over.gain)
     assert here.visible == pytest.approx(all_over.visible)
     np.testing.assert_allclose(here.beta, all_over.beta)

@@ -18,7 +18,9 @@ AT = RIG.joints[1]
 def straight(columns: Array, target: Array) -> Fit:
     """A fit of some columns, (rows, c), to a target, (rows,), in forty blocks."""
     rows = len(target)
-    return fit(columns[:, None], target[:, None], np.ones(1), np.floor(np.arange(rows) * 40.0 / rows))
+    return fit(
+        columns[:, None], target[:, None], np.ones(1), np.floor(np.arange(rows) * 40.0 / rows)
+    )
 
 
 def small_turn() -> tuple[Array, Array, Array]:
@@ -28,7 +30,9 @@ def small_turn() -> tuple[Array, Array, Array]:
 
 
 @pytest.mark.parametrize("held", [10.0, -15.0])
-def test_friction_over_the_angle_gains_the_same_however_much_coulomb_friction_it_holds(held: float) -> None:
+def test_friction_over_the_angle_gains_the_same_however_much_coulomb_friction_it_holds(
+    held: float,
+) -> None:
     q, v, slide = small_turn()
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(q))
     now = straight(np.stack([slide, v], axis=1), slide * (0.3 + 0.1 * np.cos(6 * q)) + noise)
@@ -43,7 +47,9 @@ def test_friction_over_the_angle_gains_the_same_however_much_coulomb_friction_it
 
 def test_only_friction_shares_with_friction() -> None:
     state = first()
-    friction, teeth = (state.columns(kind(AT, (3.0,))) for kind in (PositionDependentFriction, Cogging))
+    friction, teeth = (
+        state.columns(kind(AT, (3.0,))) for kind in (PositionDependentFriction, Cogging)
+    )
     assert teeth.shared is None and friction.shared is not None
     np.testing.assert_allclose(friction.shared, state.columns(Coulomb(AT)).own[:, 0], atol=1e-12)
 

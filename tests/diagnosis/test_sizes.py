@@ -33,7 +33,9 @@ def found(rig: Rig) -> Diagnosis:
     return diagnose(rig, [prescribed(model, seconds=12.0, torque_noise=0.01, dt=4e-3)], few)
 
 
-@pytest.mark.parametrize(("value", "lower"), [(-1.0, -np.inf), (0.24, 0.0), (1e-3, 0.0), (-30.0, -np.inf)])
+@pytest.mark.parametrize(
+    ("value", "lower"), [(-1.0, -np.inf), (0.24, 0.0), (1e-3, 0.0), (-30.0, -np.inf)]
+)
 @pytest.mark.parametrize("ratio", [0.1, 0.4, 0.6, 70.0])
 def test_a_size_has_an_interval_or_a_bound(value: float, lower: float, ratio: float) -> None:
     """The bound holds the whole interval; an interval never holds zero."""
@@ -55,12 +57,24 @@ def test_a_phase_near_zero_is_known_and_one_of_the_whole_circle_is_not() -> None
 def test_no_page_states_an_interval_that_holds_zero(found: Diagnosis, joint: str) -> None:
     """Whatever the deviations of a finding's sizes are, only bounds are stated of those that are not known."""
     (finding,) = found.findings
-    sizes = [Parameter("coulomb", -1.0, "N m", std=70.0), Parameter("span", 1194.0, "s", 0.0, std=9e4)]
-    vague = replace(finding, joint=joint, cause="friction-drift", parameters=tuple(sizes), sentence=f"{joint}: it")
+    sizes = [
+        Parameter("coulomb", -1.0, "N m", std=70.0),
+        Parameter("span", 1194.0, "s", 0.0, std=9e4),
+    ]
+    vague = replace(
+        finding,
+        joint=joint,
+        cause="friction-drift",
+        parameters=tuple(sizes),
+        sentence=f"{joint}: it",
+    )
     told = replace(found, findings=(vague,))
     text = show_diagnosis(told).to_text()
     assert "coulomb" in text and "span" in text
-    assert not any(float(half) > abs(float(value.replace("−", "-"))) for value, half in INTERVAL.findall(heads(text)))
+    assert not any(
+        float(half) > abs(float(value.replace("−", "-")))
+        for value, half in INTERVAL.findall(heads(text))
+    )
     assert not any(one["is_known"] for one in told.to_dict()["findings"][0]["parameters"].values())
 
 
@@ -71,10 +85,18 @@ def heads(text: str) -> str:
 
 @pytest.mark.parametrize(
     ("coulomb", "viscous", "stated"),
-    [((0.02, 1e-3), (0.01, 1e-3), "0.02"), ((-4.8, 0.1), (128.0, 1.0), ""), ((0.02, 1e-3), (-1e-4, 1e-3), "0.02")],
+    [
+        ((0.02, 1e-3), (0.01, 1e-3), "0.02"),
+        ((-4.8, 0.1), (128.0, 1.0), ""),
+        ((0.02, 1e-3), (-1e-4, 1e-3), "0.02"),
+    ],
 )
 def test_friction_that_is_told_is_positive_and_known(
-    rig: Rig, found: Diagnosis, coulomb: tuple[float, float], viscous: tuple[float, float], stated: str
+    rig: Rig,
+    found: Diagnosis,
+    coulomb: tuple[float, float],
+    viscous: tuple[float, float],
+    stated: str,
 ) -> None:
     """Of rigs without stated friction: a negative coefficient leaves its joint out, an unknown one itself."""
     bare = replace(rig, friction=np.zeros_like(rig.friction))

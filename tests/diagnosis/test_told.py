@@ -27,18 +27,30 @@ def test_the_help_lists_every_cause(run: Run) -> None:
 
 def find(*rivals: Rival, untried: tuple[str, ...] = ()) -> Finding:
     """A delay with rivals, and with causes that no log of its range tells from it."""
-    gain = {"torque_rmse_before": 1.0, "torque_rmse_after": 0.5, "rollout_rmse_before": 1.0, "rollout_rmse_after": 0.5}
+    gain = {
+        "torque_rmse_before": 1.0,
+        "torque_rmse_after": 0.5,
+        "rollout_rmse_before": 1.0,
+        "rollout_rmse_after": 0.5,
+    }
     return Finding("delay", "pan", (), gain, 0.0, "pan: delay", "a chirp", rivals, untried)
 
 
 def test_what_else_it_may_be_is_told_with_its_probability() -> None:
-    found = find(Rival("actuator-lag", np.log(4.0), 1e6, "pan"), Rival("armature", 80.0, 9.0, "pan"))
+    found = find(
+        Rival("actuator-lag", np.log(4.0), 1e6, "pan"), Rival("armature", 80.0, 9.0, "pan")
+    )
     assert found.open == f"this log cannot tell it from actuator-lag ({20 * LISTED:.0f} %)"
     said = "\n".join(map(str, sections.show_finding(found)))
-    assert f"  T{found.open[1:]}. Try a chirp." in said and f"  Probability {80 * LISTED:.0f} % (" in said
+    assert (
+        f"  T{found.open[1:]}. Try a chirp." in said
+        and f"  Probability {80 * LISTED:.0f} % (" in said
+    )
     named = find(Rival("armature", 80.0, 9.0, "pan"))
     text = "\n".join(map(str, sections.show_finding(named)))
-    assert not named.open and text.count(f"{100 * LISTED:.0f} %") == 2  # the probability, and the limit beside it
+    assert (
+        not named.open and text.count(f"{100 * LISTED:.0f} %") == 2
+    )  # the probability, and the limit beside it
 
 
 def test_probabilities_are_of_one_cause_and_sure_only_where_many_blocks_tell() -> None:
@@ -63,10 +75,16 @@ def test_the_class_is_the_smallest_that_holds_the_probability() -> None:
 
 def test_what_no_log_tells_apart_shares_a_probability() -> None:
     shared = find(Rival("cogging", np.log(3.0), 1e6), untried=("armature",))
-    assert [round(chance / LISTED, 3) for _, _, chance in shared.probabilities] == [0.375, 0.375, 0.25]
+    assert [round(chance / LISTED, 3) for _, _, chance in shared.probabilities] == [
+        0.375,
+        0.375,
+        0.25,
+    ]
 
 
-@pytest.mark.parametrize(("harmonic", "bent"), [((1.0,), True), ((1.0, 2.0), True), ((1.0, 84.0), False)])
+@pytest.mark.parametrize(
+    ("harmonic", "bent"), [((1.0,), True), ((1.0, 2.0), True), ((1.0, 84.0), False)]
+)
 def test_less_than_one_turn_of_a_ripple_is_a_bend(harmonic: tuple[float, ...], bent: bool) -> None:
     """Of a joint that swings by a radian, as an encoder's error bends its weight; by two turns, a ripple."""
     alike = TorqueRipple("tilt", harmonic).blurred(SEEN._replace(travel=1.0))

@@ -64,7 +64,8 @@ def logged(rig: Rig, motion: Motion, commanded: Array) -> Log:
     """A log of a motion under these torques, with the noise of encoders, gyros and torque sensors."""
     rng = np.random.default_rng(3)
     q, v, tau = (
-        x + s * rng.standard_normal(x.shape) for x, s in ((motion.q, 1e-5), (motion.v, 1e-3), (commanded, 1e-2))
+        x + s * rng.standard_normal(x.shape)
+        for x, s in ((motion.q, 1e-5), (motion.v, 1e-3), (commanded, 1e-2))
     )
     return Log("turning", rig.joints, motion.t, q, v, tau)
 
@@ -76,17 +77,25 @@ def motion(rig: Rig) -> Motion:
 
 def test_the_gate_opens_at_swift_turns_alone(rig: Rig, motion: Motion) -> None:
     """Away from turns it is as before; at slow turns, and with more friction than acceleration, it stays shut."""
-    for moving, friction, opens in ((motion, 0.002, True), (motion, 5.0, False), (turning(rig, 1.9), 0.05, False)):
+    for moving, friction, opens in (
+        (motion, 0.002, True),
+        (motion, 5.0, False),
+        (turning(rig, 1.9), 0.05, False),
+    ):
         tau = nominal(rig).inverse(moving.q, moving.v, moving.a) + friction * np.sign(moving.v)
         log = logged(rig, moving, tau)
         before = gather(rig, [log], ALIGNED)
-        after = open_turns(before, solve_causes(Problem.of(before, reduce_parameters(rig)), ()), ALIGNED)
+        after = open_turns(
+            before, solve_causes(Problem.of(before, reduce_parameters(rig)), ()), ALIGNED
+        )
         assert np.all(after.parts[0].gate >= before.parts[0].gate)
         assert bool(np.any(after.used > before.used + 0.02)) == opens
 
 
 @pytest.mark.parametrize("late", [-1, 0, 1])
-def test_a_torque_that_acts_at_another_time_is_told_and_opens_no_turn(rig: Rig, motion: Motion, late: int) -> None:
+def test_a_torque_that_acts_at_another_time_is_told_and_opens_no_turn(
+    rig: Rig, motion: Motion, late: int
+) -> None:
     tau = nominal(rig).inverse(motion.q, motion.v, motion.a) + 0.002 * np.sign(motion.v)
     log = logged(rig, motion, np.roll(tau, late, axis=0))
     before = gather(rig, [log], ALIGNED)
@@ -116,9 +125,18 @@ def test_the_moment_of_a_turn_is_known(rig: Rig, jumps: str) -> None:
     model = nominal(rig)
     filtering = EXACT if jumps == "torque" else DIAGNOSIS_BAND
     motion = turning(rig, 0.12, 1e-3)
-    log = Log("exact", rig.joints, motion.t, motion.q, motion.v, model.inverse(motion.q, motion.v, motion.a))
+    log = Log(
+        "exact",
+        rig.joints,
+        motion.t,
+        motion.q,
+        motion.v,
+        model.inverse(motion.q, motion.v, motion.a),
+    )
     if jumps == "acceleration":
-        law = ComputedTorque(replace(model, terms=()), (Pid.placed(5.0, 1.0, 0.2),) * rig.n, 1e-3, lead=1.5e-3)
+        law = ComputedTorque(
+            replace(model, terms=()), (Pid.placed(5.0, 1.0, 0.2),) * rig.n, 1e-3, lead=1.5e-3
+        )
         log = simulate(model, law, motion, rng=np.random.default_rng(1))
     problem = Problem.of(gather(rig, [log], filtering), reduce_parameters(rig))
     gliding = solve_causes(problem, ())
@@ -142,11 +160,19 @@ def test_the_moment_of_a_turn_is_known(rig: Rig, jumps: str) -> None:
     assert np.linalg.norm(np.concatenate(errors)) < np.linalg.norm(np.concatenate(sizes)) / 2
 
 
-def test_friction_that_builds_up_where_joints_turn_swiftly_is_found(rig: Rig, motion: Motion) -> None:
+def test_friction_that_builds_up_where_joints_turn_swiftly_is_found(
+    rig: Rig, motion: Motion
+) -> None:
     bristles = Term(Presliding(rig.joints[0], 2e-3), (0.05,))
     plant = plant_with(nominal(rig), [bristles]).plant
     log = logged(rig, motion, plant.inverse(motion.q, motion.v, motion.a))
-    found = diagnose(rig, [log], few("presliding", "stribeck", "cogging", "backlash"), rng=RNG(1), filtering=EXACT)
+    found = diagnose(
+        rig,
+        [log],
+        few("presliding", "stribeck", "cogging", "backlash"),
+        rng=RNG(1),
+        filtering=EXACT,
+    )
     assert [(one.cause, one.joint) for one in found.findings] == [("presliding", rig.joints[0])]
 
 
@@ -157,9 +183,13 @@ def test_a_drive_that_saturates_only_where_joints_turn_is_found(rig: Rig, motion
     tau = nominal(rig).inverse(motion.q, motion.v, motion.a)
     limit = float(np.abs(tau[:, 0]).max())
     commanded = tau.copy()
-    commanded[:, 0] += np.where(np.abs(tau[:, 0]) > 0.95 * limit, 0.5 * limit * np.sign(tau[:, 0]), 0.0)
+    commanded[:, 0] += np.where(
+        np.abs(tau[:, 0]) > 0.95 * limit, 0.5 * limit * np.sign(tau[:, 0]), 0.0
+    )
     log = logged(rig, motion, commanded)
-    found = diagnose(rig, [log], few("saturation", "dead-zone", "delay", "cogging"), rng=RNG(1), filtering=EXACT)
+    found = diagnose(
+        rig, [log], few("saturation", "dead-zone", "delay", "cogging"), rng=RNG(1), filtering=EXACT
+    )
     assert [(one.cause, one.joint) for one in found.findings] == [("saturation", rig.joints[0])]
     told = next(p.value for p in found.findings[0].parameters if p.name == "limit")
     assert told == pytest.approx(limit, rel=0.03)
@@ -172,9 +202,17 @@ def test_a_livelier_held_out_part_is_no_surprise(rig: Rig) -> None:
     pace = 0.08 + 0.92 / (1.0 + np.exp(-2.0 * (log.t - 2 * LATE)))
     clock = np.cumsum(pace) * DT
     accelerations = np.gradient(np.asarray(log.v), DT, axis=0)
-    q, v, a = (np.stack([np.interp(clock, log.t, x) for x in y.T], axis=1) for y in (log.q, log.v, accelerations))
+    q, v, a = (
+        np.stack([np.interp(clock, log.t, x) for x in y.T], axis=1)
+        for y in (log.q, log.v, accelerations)
+    )
     a = a * pace[:, None] ** 2 + v * np.gradient(pace, DT)[:, None]
     v = v * pace[:, None]
     tau = model.inverse(q, v, a) + 0.01 * np.random.default_rng(4).standard_normal(q.shape)
-    found = diagnose(rig, [replace(log, q=q, v=v, tau=tau)], few("saturation", "delay", "actuator-lag"), rng=RNG(1))
+    found = diagnose(
+        rig,
+        [replace(log, q=q, v=v, tau=tau)],
+        few("saturation", "delay", "actuator-lag"),
+        rng=RNG(1),
+    )
     assert found.verdict == "nothing"

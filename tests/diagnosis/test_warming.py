@@ -62,7 +62,10 @@ def opened(log: Log) -> tuple[State, Evidence]:
 
 def found(state: State) -> list[FrictionDrift]:
     """Drifts of the friction, refined, the best first."""
-    tried = [refined(state, one) for one in list_candidates(state.problem.evidence, {"friction-drift": FrictionDrift})]
+    tried = [
+        refined(state, one)
+        for one in list_candidates(state.problem.evidence, {"friction-drift": FrictionDrift})
+    ]
     drifts = [one for one in tried if isinstance(one, FrictionDrift)]
     return sorted(drifts, key=partial(worth, state), reverse=True)
 
@@ -71,7 +74,9 @@ def found(state: State) -> list[FrictionDrift]:
 def test_a_torque_that_is_held_warms_to_its_square(span: float) -> None:
     t = np.arange(0.0, 30.0, 7e-3)
     losses = Losses.along(t, np.full(len(t), 3.0), t)
-    np.testing.assert_allclose(losses.warmth(span), 9.0 * -np.expm1(-t / span), atol=9.0 * 0.02 / span)
+    np.testing.assert_allclose(
+        losses.warmth(span), 9.0 * -np.expm1(-t / span), atol=9.0 * 0.02 / span
+    )
 
 
 def test_what_a_motor_did_before_a_part_of_its_log_warmed_it() -> None:
@@ -123,8 +128,16 @@ def test_friction_that_a_motor_warms_by_its_own_torque_is_found() -> None:
     assert best.joint == joint and best.held > 0 and best.span == pytest.approx(span, rel=0.1)
     after = solve_causes(state.problem, (best,), state)
     assert after.fit.dispersion.max() < 1.5
-    assert after.coefficients(best)[0] / best.held**2 == pytest.approx(change * dry / held**2, rel=0.1)
+    assert after.coefficients(best)[0] / best.held**2 == pytest.approx(
+        change * dry / held**2, rel=0.1
+    )
     timed = solve_causes(state.problem, (replace(best, held=0.0),), state)
-    assert timed.fit.cost > 1.5 * after.fit.cost or timed.fit.dispersion.max() > 1.5 * after.fit.dispersion.max()
-    left = [torque_rmse(rest, build_extended_model(x))[RIG.joint_index(joint)] for x in (after, timed, state)]
+    assert (
+        timed.fit.cost > 1.5 * after.fit.cost
+        or timed.fit.dispersion.max() > 1.5 * after.fit.dispersion.max()
+    )
+    left = [
+        torque_rmse(rest, build_extended_model(x))[RIG.joint_index(joint)]
+        for x in (after, timed, state)
+    ]
     assert left[0] < 0.5 * min(left[1:])

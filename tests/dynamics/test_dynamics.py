@@ -21,7 +21,9 @@ JOINT = (
     '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>'
 )
 ODD = {
-    "tree": "".join(BODY.format(name, mass) for name, mass in (("a", 2), ("b", 1.5), ("c", 1), ("d", 0.7)))
+    "tree": "".join(
+        BODY.format(name, mass) for name, mass in (("a", 2), ("b", 1.5), ("c", 1), ("d", 0.7))
+    )
     + JOINT.format("j1", "revolute", "base", "a", "0 0 1")
     + JOINT.format("j2", "revolute", "a", "b", "1 1 0")
     + JOINT.format("j3", "revolute", "a", "c", "0 -1 0")
@@ -80,7 +82,9 @@ def D(q: np.ndarray, bodies: list[pin.Inertia]) -> np.ndarray:
 def C(q: np.ndarray, v: np.ndarray, bodies: list[pin.Inertia]) -> np.ndarray:
     """C_kj = Σ_i c_ijk v_i, c_ijk = ½(∂d_kj/∂q_i + ∂d_ki/∂q_j - ∂d_ij/∂q_k) (3.56, 3.57), by complex step."""
     slope = np.array([D(q + 1e-30j * unit, bodies).imag / 1e-30 for unit in np.eye(3)])
-    christoffel = 0.5 * (np.einsum("ikj->ijk", slope) + np.einsum("jki->ijk", slope) - np.einsum("kij->ijk", slope))
+    christoffel = 0.5 * (
+        np.einsum("ikj->ijk", slope) + np.einsum("jki->ijk", slope) - np.einsum("kij->ijk", slope)
+    )
     return np.einsum("ijk,i->kj", christoffel, v)
 
 
@@ -110,7 +114,9 @@ def drawn(rig: Rig, seed: int) -> Rig:
 
 def diagonal(rig: Rig) -> Rig:
     """The thesis's assumption: inertias at the centres of mass are diagonal."""
-    bodies = [pin.Inertia(b.mass, b.lever, np.diag(np.diag(b.inertia))) for b in rig.model.inertias[1:]]
+    bodies = [
+        pin.Inertia(b.mass, b.lever, np.diag(np.diag(b.inertia))) for b in rig.model.inertias[1:]
+    ]
     return rig.with_phi(np.concatenate([body.toDynamicParameters() for body in bodies]))
 
 
@@ -152,7 +158,9 @@ def test_torque_is_the_thesis_closed_form(
     rig = diagonal(rig) if as_thesis else rig
     bodies = list(rig.model.inertias[1:])
     expected = D(q, bodies) @ a + C(q, v, bodies) @ v + G(q, bodies)
-    np.testing.assert_allclose(compute_rnea(rig, q[None], v[None], a[None])[0], expected, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(
+        compute_rnea(rig, q[None], v[None], a[None])[0], expected, rtol=1e-11, atol=1e-11
+    )
 
 
 @pytest.mark.parametrize("payload", bundled_payloads())
@@ -161,7 +169,9 @@ def test_bundled_thesis_rig_is_the_closed_form(payload: str) -> None:
     bodies = list(rig.model.inertias[1:])
     for q, v, a in zip(*states(3, 1, 20)):
         expected = D(q, bodies) @ a + C(q, v, bodies) @ v + G(q, bodies)
-        np.testing.assert_allclose(compute_rnea(rig, q[None], v[None], a[None])[0], expected, rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(
+            compute_rnea(rig, q[None], v[None], a[None])[0], expected, rtol=1e-11, atol=1e-11
+        )
 
 
 # --- MuJoCo ---------------------------------------------------------------------------------------------------------
@@ -183,7 +193,9 @@ def test_torque_is_mujocos_on_any_other_urdf(name: str) -> None:
     rig = odd(name)
     at = states(rig.n, 3, 20)
     scale = np.abs(compute_rnea(rig, *at)).max()
-    np.testing.assert_allclose(compute_rnea(rig, *at), mujoco_torque(rig, *at), rtol=0, atol=1e-9 * max(1.0, scale))
+    np.testing.assert_allclose(
+        compute_rnea(rig, *at), mujoco_torque(rig, *at), rtol=0, atol=1e-9 * max(1.0, scale)
+    )
 
 
 # --- energy ---------------------------------------------------------------------------------------------------------

@@ -59,7 +59,13 @@ def known(name: str) -> Rig:
 def rubbing(rig: Rig, dry: Sequence[float], viscous: Sequence[float] = ()) -> Model:
     """The rig with Coulomb (and viscous) friction of these sizes."""
     terms = [Term(Coulomb(joint), (float(size),)) for joint, size in zip(rig.joints, dry)]
-    return Model(rig, (*terms, *(Term(Viscous(joint), (float(size),)) for joint, size in zip(rig.joints, viscous))))
+    return Model(
+        rig,
+        (
+            *terms,
+            *(Term(Viscous(joint), (float(size),)) for joint, size in zip(rig.joints, viscous)),
+        ),
+    )
 
 
 def run(model: Model, state: State, tau: np.ndarray, seconds: float, steps: int) -> State:
@@ -94,9 +100,14 @@ def test_error_falls_with_the_fourth_power_of_the_step(name: str) -> None:
         q, v = np.split(y, 2)
         return np.concatenate([v, pin.aba(rig.model, rig.model.createData(), q, v, tau)])
 
-    exact = solve_ivp(flow, (0, 1), np.concatenate([state.q, state.v]), "DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    exact = solve_ivp(
+        flow, (0, 1), np.concatenate([state.q, state.v]), "DOP853", rtol=1e-12, atol=1e-12
+    ).y[:, -1]
     for model in (Model(rig, ()), rubbing(rig, np.zeros(rig.n), np.zeros(rig.n))):
-        errors = [np.linalg.norm(np.concatenate(run(model, state, tau, 1, n)[:2]) - exact) for n in (128, 256, 512)]
+        errors = [
+            np.linalg.norm(np.concatenate(run(model, state, tau, 1, n)[:2]) - exact)
+            for n in (128, 256, 512)
+        ]
         assert errors[-1] < 1e-5
         for coarse, fine in pairwise(errors):
             assert np.log2(coarse / fine) == pytest.approx(4, abs=0.4)
@@ -129,7 +140,9 @@ def test_inverse_undoes_the_plant(seed: int, name: str) -> None:
 # --- one joint, in closed form --------------------------------------------------------------------------------------
 
 
-def closed_form(q: float, v: float, push: float, dry: float, mass: float, seconds: float) -> tuple[float, float]:
+def closed_form(
+    q: float, v: float, push: float, dry: float, mass: float, seconds: float
+) -> tuple[float, float]:
     """``mass a = push - dry sign(v)``, sticking at v = 0 while |push| <= dry."""
     while True:
         way = np.sign(v) or (np.sign(push) if abs(push) > dry else 0.0)
@@ -154,7 +167,9 @@ def test_wheel_slides_stops_and_sticks_as_on_paper(
 ) -> None:
     """Acceleration is constant between stops: any step is exact, but for the last 1e-9 s of one in which it stops."""
     rig = known("wheel")
-    after = run(rubbing(rig, [dry]), State(np.array([0.3]), np.array([v])), np.array([push]), seconds, steps)
+    after = run(
+        rubbing(rig, [dry]), State(np.array([0.3]), np.array([v])), np.array([push]), seconds, steps
+    )
     q, rate = closed_form(0.3, v, push, dry, 0.4, seconds)
     assert after.v[0] == pytest.approx(rate, abs=2e-7)
     assert after.q[0] == pytest.approx(q, abs=1e-6)
@@ -166,7 +181,9 @@ def test_wheel_slides_stops_and_sticks_as_on_paper(
 def test_sledge_on_a_slope(v: float, push: float, dry: float, seconds: float) -> None:
     """Gravity pulls with m g sin(slope) down the rails; under more dry friction than that, it stays where it is."""
     rig = known("sledge")
-    after = run(rubbing(rig, [dry]), State(np.zeros(1), np.array([v])), np.array([push]), seconds, 50)
+    after = run(
+        rubbing(rig, [dry]), State(np.zeros(1), np.array([v])), np.array([push]), seconds, 50
+    )
     q, rate = closed_form(0.0, v, push + 2 * 9.81 * np.sin(SLOPE), dry, 2.0, seconds)
     assert after.v[0] == pytest.approx(rate, abs=2e-7)
     assert after.q[0] == pytest.approx(q, abs=1e-6)
@@ -209,7 +226,9 @@ def test_above_breakaway_the_pushed_joint_moves(seed: int, name: str, share: flo
     assert after.v[joint] * way > 0
 
 
-def consistent_modes(rig: Rig, q: np.ndarray, tau: np.ndarray, dry: np.ndarray) -> list[tuple[tuple, np.ndarray]]:
+def consistent_modes(
+    rig: Rig, q: np.ndarray, tau: np.ndarray, dry: np.ndarray
+) -> list[tuple[tuple, np.ndarray]]:
     """Every way to slide or stick from rest that keeps its promises, by trying all 3^n."""
     upper = np.triu(pin.crba(rig.model, rig.model.createData(), q))
     D = upper + np.triu(upper, 1).T
@@ -238,7 +257,9 @@ def test_from_rest_the_joints_slide_in_the_one_consistent_way(seed: int, name: s
     state = State(q, np.zeros(rig.n))
     contact = plant.contact(0.0, state, tau)
     assert contact.slide == mode
-    np.testing.assert_allclose(plant.acceleration(0.0, state, tau), a, atol=1e-9 * (1 + np.abs(a).max()))
+    np.testing.assert_allclose(
+        plant.acceleration(0.0, state, tau), a, atol=1e-9 * (1 + np.abs(a).max())
+    )
     after = plant.step(0.0, state, tau, 1e-5)
     np.testing.assert_allclose(after.v, 1e-5 * a, atol=1e-6 * (1 + np.abs(a).max()) * 1e-2)
 
@@ -259,8 +280,12 @@ def test_energy_never_grows_without_torque(seed: int, name: str) -> None:
     assert np.diff(levels).max() <= 1e-9
 
 
-@pytest.mark.parametrize(("name", "joint"), [("thesis", 0), ("thesis", 1), ("handheld", 0), ("pendulum", 0)])
-def test_a_stuck_joint_is_a_weld_until_the_others_pull_too_hard(tmp_path: Path, name: str, joint: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "joint"), [("thesis", 0), ("thesis", 1), ("handheld", 0), ("pendulum", 0)]
+)
+def test_a_stuck_joint_is_a_weld_until_the_others_pull_too_hard(
+    tmp_path: Path, name: str, joint: int
+) -> None:
     """While it sticks, the rest moves as if its joint were fixed; its reaction is what RNEA says, within friction."""
     rig = known(name)
     head, tail = rig.urdf.split(f'<joint name="{rig.joints[joint]}" type="revolute"')
@@ -286,7 +311,9 @@ def test_a_stuck_joint_is_a_weld_until_the_others_pull_too_hard(tmp_path: Path, 
     peak = np.abs(reaction).max()
     assert 0 < peak < 5
     for share, stays in ((1.01, True), (0.9, False)):
-        assert (run(rubbing(rig, share * peak * ~moving), State(q, v), 0 * q, 0.3, 300).q[joint] == 0) == stays
+        assert (
+            run(rubbing(rig, share * peak * ~moving), State(q, v), 0 * q, 0.3, 300).q[joint] == 0
+        ) == stays
 
 
 @pytest.mark.parametrize("name", SMOOTH)
@@ -298,7 +325,10 @@ def test_smaller_steps_converge_with_friction_too(name: str) -> None:
         state, tau = drawn(rig, seed)
         model = rubbing(rig, np.full(rig.n, 0.1), np.full(rig.n, 0.01))
         fine = np.concatenate(run(model, state, tau, 0.5, 2048)[:2])
-        now = [np.abs(np.concatenate(run(model, state, tau, 0.5, n)[:2]) - fine).max() for n in (32, 128, 512)]
+        now = [
+            np.abs(np.concatenate(run(model, state, tau, 0.5, n)[:2]) - fine).max()
+            for n in (32, 128, 512)
+        ]
         errors = np.maximum(errors, now)
     assert errors[2] < errors[0] / 50
     assert errors[2] < 1e-4
@@ -340,4 +370,6 @@ def test_nominal_model_is_the_urdf() -> None:
     rig = known("thesis")
     q, v, a = np.random.default_rng(1).normal(size=(3, 5, 3))
     friction = nominal(rig).inverse(q, v, a) - Model(rig, ()).inverse(q, v, a)
-    np.testing.assert_allclose(friction, rig.friction[:, 0] * np.sign(v) + rig.friction[:, 1] * v, atol=1e-12)
+    np.testing.assert_allclose(
+        friction, rig.friction[:, 0] * np.sign(v) + rig.friction[:, 1] * v, atol=1e-12
+    )

@@ -38,7 +38,9 @@ UP = np.array([0.0, 0.0, GRAVITY])
 def shaken(seed: int, count: int = 20) -> tuple[Platform, Array, Array]:
     """Wild attitudes and motions, with the attitude's matrices and the acceleration in the world."""
     rng = np.random.default_rng(seed)
-    angles, rates, accelerations = rng.uniform(-1.2, 1.2, (3, count, 3)) * np.array([1, 3, 20]).reshape(3, 1, 1)
+    angles, rates, accelerations = rng.uniform(-1.2, 1.2, (3, count, 3)) * np.array(
+        [1, 3, 20]
+    ).reshape(3, 1, 1)
     a = rng.uniform(-10, 10, (count, 3))
     return (
         Platform.turning(np.arange(float(count)), angles, rates, accelerations, a),
@@ -51,7 +53,9 @@ def shaken(seed: int, count: int = 20) -> tuple[Platform, Array, Array]:
 
 
 @given(st.lists(st.floats(-1.4, 1.4), min_size=12, max_size=12))
-def test_rates_are_the_attitudes_derivative_and_specific_force_is_turned_gravity(numbers: list[float]) -> None:
+def test_rates_are_the_attitudes_derivative_and_specific_force_is_turned_gravity(
+    numbers: list[float],
+) -> None:
     """R' = R [w]x and w' = dw along ``e(t) = e0 + e1 sin t + e2 cos 2t``, by five-point differences."""
     e0, e1, e2, a = np.reshape(numbers, (4, 3))
     h = 1e-3
@@ -67,7 +71,9 @@ def test_rates_are_the_attitudes_derivative_and_specific_force_is_turned_gravity
     np.testing.assert_allclose(weights @ moving.w, moving.dw[2], atol=1e-7)
     np.testing.assert_allclose(R[2] @ moving.f[2], a + UP, atol=1e-12)
     w, *xyz = moving.quat[2] if moving.quat is not None else ()
-    np.testing.assert_allclose(pin.Quaternion(np.array([*xyz, w])).toRotationMatrix(), R[2], atol=1e-12)
+    np.testing.assert_allclose(
+        pin.Quaternion(np.array([*xyz, w])).toRotationMatrix(), R[2], atol=1e-12
+    )
 
 
 def test_profile_s_is_what_control_says_of_it_whatever_the_sampling() -> None:
@@ -76,7 +82,9 @@ def test_profile_s_is_what_control_says_of_it_whatever_the_sampling() -> None:
     fine = profile_s(t[:101] / 2, np.random.default_rng(1))
     np.testing.assert_allclose(one.f[:51], fine.f[::2], atol=1e-9)
     spread = np.sqrt(sum(band.rms**2 for band in ACCELERATION))
-    assert np.sqrt(np.mean((np.linalg.norm(one.f, axis=1) - GRAVITY) ** 2)) == pytest.approx(spread, rel=0.1)
+    assert np.sqrt(np.mean((np.linalg.norm(one.f, axis=1) - GRAVITY) ** 2)) == pytest.approx(
+        spread, rel=0.1
+    )
     frequency = np.fft.rfftfreq(len(t), 2.5e-3)
     power = np.sum(np.abs(np.fft.rfft(one.w, axis=0)) ** 2, axis=1)
     inside = np.zeros(len(frequency), dtype=bool)
@@ -94,10 +102,14 @@ def test_a_measured_motion_is_the_true_one_below_the_cutoff() -> None:
     angles = e * np.sin(t[:, None] * w)
     rates = e * w * np.cos(t[:, None] * w)
     accelerations = 0 * t[:, None]
-    true = Platform.turning(t, angles, rates, accelerations - e * w**2 * np.sin(t[:, None] * w), 0 * angles + 0.5)
+    true = Platform.turning(
+        t, angles, rates, accelerations - e * w**2 * np.sin(t[:, None] * w), 0 * angles + 0.5
+    )
     seen = Platform.measured(t, Imu(true.w, true.f, true.quat), "log")
     for name, size in (("f", 2e-3), ("w", 2e-3), ("dw", 2e-2), ("quat", 1e-5)):
-        np.testing.assert_allclose(getattr(seen, name)[500:-500], getattr(true, name)[500:-500], atol=size)
+        np.testing.assert_allclose(
+            getattr(seen, name)[500:-500], getattr(true, name)[500:-500], atol=size
+        )
     assert seen.quat is not None and true.quat is not None
     np.testing.assert_allclose(Platform.measured(t, Imu(true.w, true.f), "log").f, seen.f)
 
@@ -115,7 +127,9 @@ def mujoco_model(rig: Rig) -> mujoco.MjModel:
     return rigid_bodies(robot)
 
 
-def mujoco_torque(rig: Rig, q: Array, v: Array, a: Array, platform: Platform, world: Array) -> Array:
+def mujoco_torque(
+    rig: Rig, q: Array, v: Array, a: Array, platform: Platform, world: Array
+) -> Array:
     """mj_inverse with the base where the world sees it: MuJoCo's free joint has its rate in the body's frame."""
     assert platform.quat is not None
     place, speed = np.random.default_rng(0).normal(size=(2, len(q), 3))  # no joint feels them
@@ -141,13 +155,19 @@ def test_a_fixed_base_is_a_platform_at_rest_and_a_lean_is_turned_gravity(name: s
     rig = bundled(name)
     t = np.arange(20.0)
     at = states(rig.n, 4)
-    np.testing.assert_allclose(compute_rnea(rig, *at, Platform.still(t)), compute_rnea(rig, *at), atol=1e-12)
-    np.testing.assert_allclose(compute_regressor(rig, *at, Platform.still(t)), compute_regressor(rig, *at), atol=1e-12)
+    np.testing.assert_allclose(
+        compute_rnea(rig, *at, Platform.still(t)), compute_rnea(rig, *at), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        compute_regressor(rig, *at, Platform.still(t)), compute_regressor(rig, *at), atol=1e-12
+    )
     leaning = BaseTilt(roll=0.3, pitch=-0.7).apply(rig)
     np.testing.assert_allclose(
         compute_rnea(rig, *at, Platform.still(t, 0.3, -0.7)), compute_rnea(leaning, *at), atol=1e-12
     )
-    np.testing.assert_allclose(compute_rnea(leaning, *at, Platform.still(t)), compute_rnea(leaning, *at), atol=1e-12)
+    np.testing.assert_allclose(
+        compute_rnea(leaning, *at, Platform.still(t)), compute_rnea(leaning, *at), atol=1e-12
+    )
 
 
 def test_what_turns_evenly_on_a_platform_moves_as_both_turns_at_once() -> None:
@@ -165,7 +185,11 @@ def test_what_turns_evenly_on_a_platform_moves_as_both_turns_at_once() -> None:
         np.testing.assert_allclose(getattr(sunk, name), getattr(both, name), atol=1e-12)
     alone = BaseTilt(roll_rate=0.02, pitch_rate=-0.03).carried(t, None)
     assert alone is not None
-    lean = BaseTilt(roll=0.02 * t[7], pitch=-0.03 * t[7]).apply(Rig.load("turret")).model.gravity.linear
+    lean = (
+        BaseTilt(roll=0.02 * t[7], pitch=-0.03 * t[7])
+        .apply(Rig.load("turret"))
+        .model.gravity.linear
+    )
     np.testing.assert_allclose(alone.f[7], -lean, atol=1e-12)
 
 
@@ -176,8 +200,12 @@ def test_the_regressor_is_inverse_dynamics_for_any_bodies(name: str) -> None:
     at = states(rig.n, 6)
     phi = rig.phi * np.random.default_rng(7).uniform(0.5, 2, 10 * rig.n)
     expected = compute_rnea(rig.with_phi(phi), *at, platform)
-    np.testing.assert_allclose(compute_regressor(rig, *at, platform) @ phi, expected, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(Model(rig.with_phi(phi), ()).inverse(*at, platform=platform), expected, atol=0)
+    np.testing.assert_allclose(
+        compute_regressor(rig, *at, platform) @ phi, expected, rtol=1e-9, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        Model(rig.with_phi(phi), ()).inverse(*at, platform=platform), expected, atol=0
+    )
 
 
 @pytest.mark.parametrize("name", bundled_rigs())
@@ -207,19 +235,28 @@ def test_power_at_joints_and_base_is_the_rate_of_energy(name: str) -> None:
 
     def energy(t: float) -> float:
         _, q, v = at(t)
-        return float(pin.computeKineticEnergy(world, data, q, v) + pin.computePotentialEnergy(world, data, q))
+        return float(
+            pin.computeKineticEnergy(world, data, q, v) + pin.computePotentialEnergy(world, data, q)
+        )
 
     for t in rng.uniform(0, 10, 5):
-        rate = (8 * (energy(t + h) - energy(t - h)) - (energy(t + 2 * h) - energy(t - 2 * h))) / (12 * h)
+        rate = (8 * (energy(t + h) - energy(t - h)) - (energy(t + 2 * h) - energy(t - 2 * h))) / (
+            12 * h
+        )
         platform, _, v = at(t)
         x, dx, ddx = motion(t)
         tau = compute_rnea(rig, x[None, 6:], dx[None, 6:], ddx[None, 6:], platform)[0]
         lifted = (np.r_[np.zeros(6), 1.0, x[6:]], np.r_[np.zeros(3), platform.w[0], dx[6:]])
         wrench = pin.rnea(
-            rig.floating, rig.floating.createData(), *lifted, np.r_[platform.f[0], platform.dw[0], ddx[6:]]
+            rig.floating,
+            rig.floating.createData(),
+            *lifted,
+            np.r_[platform.f[0], platform.dw[0], ddx[6:]],
         )
         np.testing.assert_allclose(wrench[6:], tau, atol=1e-12)
-        assert rate == pytest.approx(v[:6] @ wrench[:6] + v[6:] @ tau, abs=1e-7 * (1 + np.abs(v) @ np.abs(wrench)))
+        assert rate == pytest.approx(
+            v[:6] @ wrench[:6] + v[6:] @ tau, abs=1e-7 * (1 + np.abs(v) @ np.abs(wrench))
+        )
 
 
 # --- what shows -------------------------------------------------------------------------------------------------------
@@ -256,7 +293,9 @@ def test_one_lean_shows_as_much_as_many_and_translation_adds_nothing_to_turning(
     in_place = Platform(turning.t, R.transpose(0, 2, 1) @ UP, turning.w, turning.dw)
     for base, platform in (("tilted", lean), ("rotating", in_place)):
         matrix = compute_regressor(rig, *at, platform)[:, :, places].reshape(-1, len(places))
-        assert scan_columns(matrix, names).independent == reduce_parameters(rig, base=base).independent  # type: ignore[arg-type]
+        assert (
+            scan_columns(matrix, names).independent == reduce_parameters(rig, base=base).independent
+        )  # type: ignore[arg-type]
 
 
 def test_the_level_of_a_motion_is_told_from_it() -> None:
@@ -284,7 +323,9 @@ def test_the_plants_acceleration_inverts_inverse_dynamics(name: str) -> None:
     plant = Plant(model, platform)
     for k in t[1:-1]:
         state = State(q[k], v[k])
-        np.testing.assert_allclose(plant.acceleration(float(k), state, tau[k]), a[k], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            plant.acceleration(float(k), state, tau[k]), a[k], rtol=1e-9, atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("name", bundled_rigs())
@@ -350,9 +391,14 @@ def test_shaking_moves_a_joint_only_when_it_breaks_its_dry_friction() -> None:
     platform = profile_s(dt / 2 * np.arange(201), np.random.default_rng(5))
     q = np.array([0.3, 0.2])
     none = np.zeros(2)
-    need = np.abs(compute_rnea(rig, *(np.tile(x, (201, 1)) for x in (q, none, none)), platform)).max(axis=0)
+    need = np.abs(
+        compute_rnea(rig, *(np.tile(x, (201, 1)) for x in (q, none, none)), platform)
+    ).max(axis=0)
     for share, moves in ((1.001, False), (0.5, True)):
-        rubbing = tuple(Term(Coulomb(joint), (share * level,)) for joint, level in zip(rig.joints, need.tolist()))
+        rubbing = tuple(
+            Term(Coulomb(joint), (share * level,))
+            for joint, level in zip(rig.joints, need.tolist())
+        )
         plant = Plant(Model(rig, rubbing), platform)
         state = State(q, none)
         for k in range(100):

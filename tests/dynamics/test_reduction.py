@@ -48,7 +48,10 @@ ODD = {
     "slide": (("prismatic", "base", "a", "0 0 0", "0 0 1"),),
     "wheel": (("continuous", "base", "a", "0 0 0", "0 0 1"),),
     "pendulum": (("revolute", "base", "a", "0 0 0", "0 1 0"),),
-    "double-pendulum": (("revolute", "base", "a", "0 0 0", "0 1 0"), ("revolute", "a", "b", "0 0 -0.3", "0 1 0")),
+    "double-pendulum": (
+        ("revolute", "base", "a", "0 0 0", "0 1 0"),
+        ("revolute", "a", "b", "0 0 -0.3", "0 1 0"),
+    ),
     "crane": (
         ("revolute", "base", "a", "0 0 0", "0 0 1"),
         ("prismatic", "a", "b", "0 0 0.4", "1 0 0"),
@@ -65,7 +68,9 @@ ODD = {
 
 
 def odd(name: str) -> Rig:
-    links = "".join(BODY.format(child, mass) for mass, (_, _, child, _, _) in enumerate(ODD[name], start=1))
+    links = "".join(
+        BODY.format(child, mass) for mass, (_, _, child, _, _) in enumerate(ODD[name], start=1)
+    )
     body = "".join(JOINT.format(*joint) for joint in ODD[name])
     return spelled(f'<robot name="{name}"><link name="base"/>{links}{body}</robot>')
 
@@ -87,11 +92,15 @@ def test_thesis_table_exactly_whatever_the_payload(payload: str) -> None:
 def test_full_inertias_regroup_the_diagonal_ones_alike() -> None:
     """The products of inertia join the table; they change nothing of what stands in it."""
     diagonal, full = (reduce_parameters(bundled("thesis"), d) for d in (True, False))
-    kept = [{name: x for name, x in terms.items() if name in diagonal.names} for terms in full.terms]
+    kept = [
+        {name: x for name, x in terms.items() if name in diagonal.names} for terms in full.terms
+    ]
     assert [terms for terms in kept if terms] == list(TABLE)
 
 
-@pytest.mark.parametrize(("gravity", "full", "diagonal"), [((0, 0, -9.81), 15, 9), ((3, -4, -8), 17, 11)])
+@pytest.mark.parametrize(
+    ("gravity", "full", "diagonal"), [((0, 0, -9.81), 15, 9), ((3, -4, -8), 17, 11)]
+)
 def test_counts_of_the_thesis_rig_upright_and_tilted(
     gravity: tuple[float, float, float], full: int, diagonal: int
 ) -> None:
@@ -148,7 +157,9 @@ def test_regressor_times_parameters_is_rnea() -> None:
     for rig in all_rigs():
         at = fresh(rig, 1)
         torque = compute_rnea(rig, *at)
-        np.testing.assert_allclose(compute_regressor(rig, *at) @ rig.phi, torque, atol=1e-10 * np.abs(torque).max())
+        np.testing.assert_allclose(
+            compute_regressor(rig, *at) @ rig.phi, torque, atol=1e-10 * np.abs(torque).max()
+        )
 
 
 @pytest.mark.parametrize("diagonal", [False, True])
@@ -172,9 +183,15 @@ def test_qr_and_svd_see_the_same_space(diagonal: bool) -> None:
 
 def test_reduction_depends_on_the_rig_alone() -> None:
     for name in bundled_rigs():
-        first, *others = [reduce_parameters(bundled(name, payload)) for payload in (*bundled_payloads(), None)]
+        first, *others = [
+            reduce_parameters(bundled(name, payload)) for payload in (*bundled_payloads(), None)
+        ]
         for other in others:
-            assert (other.names, other.independent, other.zero) == (first.names, first.independent, first.zero)
+            assert (other.names, other.independent, other.zero) == (
+                first.names,
+                first.independent,
+                first.zero,
+            )
             np.testing.assert_array_equal(other.mixing, first.mixing)
 
 
@@ -215,7 +232,9 @@ def test_names_say_the_mixing() -> None:
         values = dict(zip(reduction.names, phi))
         for name, beta in zip(reduction.base_names, reduction.mixing @ phi):
             words = re.findall(r"(-?)\s?(?:([\d.e+-]+)\*)?([a-z_]+\.\w+)", name)
-            read = sum((-1 if sign else 1) * float(factor or 1) * values[of] for sign, factor, of in words)
+            read = sum(
+                (-1 if sign else 1) * float(factor or 1) * values[of] for sign, factor, of in words
+            )
             assert read == pytest.approx(beta, rel=1e-4, abs=1e-5)
 
 
@@ -225,7 +244,9 @@ def test_names_say_the_mixing() -> None:
 @st.composite
 def planted(draw: st.DrawFn) -> tuple[np.ndarray, list[int], list[int], np.ndarray]:
     """A matrix whose dependent columns are sums of independent ones to their left; the truth beside it."""
-    kinds = draw(st.lists(st.sampled_from(["free", "free", "sum", "zero"]), min_size=1, max_size=12))
+    kinds = draw(
+        st.lists(st.sampled_from(["free", "free", "sum", "zero"]), min_size=1, max_size=12)
+    )
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     rows = 4 * len(kinds) + 8
     free = [j for j, kind in enumerate(kinds) if kind == "free"]
@@ -235,13 +256,17 @@ def planted(draw: st.DrawFn) -> tuple[np.ndarray, list[int], list[int], np.ndarr
             mixing[free.index(j), j] = 1.0
         elif kind == "sum":
             earlier = [row for row, column in enumerate(free) if column < j]
-            mixing[earlier, j] = rng.choice([-1, 1], len(earlier)) * rng.uniform(0.1, 10, len(earlier))
+            mixing[earlier, j] = rng.choice([-1, 1], len(earlier)) * rng.uniform(
+                0.1, 10, len(earlier)
+            )
     zero = [j for j in range(len(kinds)) if not mixing[:, j].any()]
     return rng.normal(size=(rows, len(free))) @ mixing, free, zero, mixing
 
 
 @given(planted())
-def test_planted_dependence_is_found(case: tuple[np.ndarray, list[int], list[int], np.ndarray]) -> None:
+def test_planted_dependence_is_found(
+    case: tuple[np.ndarray, list[int], list[int], np.ndarray],
+) -> None:
     matrix, free, zero, mixing = case
     reduction = scan_columns(matrix, tuple(f"x{j}" for j in range(matrix.shape[1])))
     assert reduction.independent == tuple(free)

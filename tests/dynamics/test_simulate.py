@@ -13,7 +13,17 @@ from hypothesis import strategies as st
 from gimbal_pin.control import ComputedTorque, JointPid, Pid
 from gimbal_pin.dynamics import Drive, Model, Plant, Sensors, State, nominal, plant_with, simulate
 from gimbal_pin.dynamics.drive import compute_joint_load
-from gimbal_pin.effects import CAUSES, BaseTilt, Delay, Effect, JointLoad, Resistance, Signal, Term, parse_effect
+from gimbal_pin.effects import (
+    CAUSES,
+    BaseTilt,
+    Delay,
+    Effect,
+    JointLoad,
+    Resistance,
+    Signal,
+    Term,
+    parse_effect,
+)
 from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log, Motion, describe_passed_stops
@@ -68,11 +78,15 @@ def law(model: Model, dt: float = DT) -> ComputedTorque:
     return ComputedTorque(model, (Pid.placed(6.0, 1.0, 0.2),) * model.rig.n, dt, lead=1.5 * dt)
 
 
-def run(plant: Model, drive: tuple[Signal, ...] = (), sensors: Sensors | None = None, seed: int = 0) -> Log:
+def run(
+    plant: Model, drive: tuple[Signal, ...] = (), sensors: Sensors | None = None, seed: int = 0
+) -> Log:
     """A loop whose controller knows the nominal rig."""
     sense = sensors or Sensors.exact(plant.rig.n)
     model = nominal(rig())
-    return simulate(plant, law(model), reference(), rng=np.random.default_rng(seed), sensors=sense, drive=drive)
+    return simulate(
+        plant, law(model), reference(), rng=np.random.default_rng(seed), sensors=sense, drive=drive
+    )
 
 
 @cache
@@ -128,7 +142,9 @@ def test_a_cause_of_no_size_changes_nothing(name: str) -> None:
     else:
         least = {"saturation": {"limit": 1e6}, "actuator-lag": {"time_constant": 1e-5}}
         least["joint-flexibility"] = {"frequency": 500.0, "damping": 0.5}
-        thing = replace(thing, **least.get(name, {shape.name: max(0.0, shape.lower) for shape in thing.shapes}))
+        thing = replace(
+            thing, **least.get(name, {shape.name: max(0.0, shape.lower) for shape in thing.shapes})
+        )
     plant, drive = plant_with(nominal(rig()), [thing])
     log = run(plant, drive)
     # The drive's two lags are never wholly gone: 10 µs, and a resonance of 500 Hz.
@@ -139,7 +155,9 @@ def test_a_cause_of_no_size_changes_nothing(name: str) -> None:
 SIGNALS = [f"{name}:{SOME[name]}" for name in sorted(SOME) if issubclass(CAUSES[name], Signal)]
 
 
-@pytest.mark.parametrize("text", [*SIGNALS, "backlash:tilt:gap=0.002,inertia=0.0005,rotor_share=0.2"])
+@pytest.mark.parametrize(
+    "text", [*SIGNALS, "backlash:tilt:gap=0.002,inertia=0.0005,rotor_share=0.2"]
+)
 def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it(text: str) -> None:
     """Passing the logged command through the signal's array form drives the plant along the logged angles.
 
@@ -151,12 +169,19 @@ def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it
     acting = np.array(log.tau)
     j = rig().joint_index("tilt")
     states = map(State, log.q, log.v)
-    bears = [compute_joint_load(nominal(rig()), j, now, x) for now, x in zip(states, log.tau[:, j].tolist())]
-    brake, load = (np.array([0.0, *x]) for x in ([one.brake for one in bears], [one.load for one in bears]))
+    bears = [
+        compute_joint_load(nominal(rig()), j, now, x)
+        for now, x in zip(states, log.tau[:, j].tolist())
+    ]
+    brake, load = (
+        np.array([0.0, *x]) for x in ([one.brake for one in bears], [one.load for one in bears])
+    )
     # The drive has been at rest for ever, the array form would settle on its first sample.
     passed = signal.along(np.concatenate([[0.0], log.tau[:, j]]), DT, JointLoad(brake, load))[1:]
     across = np.array([one.across for one in bears])
-    acting -= signal.spread(acting[:, j] - passed, j, acting.shape[1], JointLoad(0.0, 0.0, across=across))
+    acting -= signal.spread(
+        acting[:, j] - passed, j, acting.shape[1], JointLoad(0.0, 0.0, across=across)
+    )
     assert np.any(across[:, 1 - j] != 0)
     np.testing.assert_allclose(replayed(nominal(rig()), log, acting), log.q, atol=1e-12)
     assert np.abs(replayed(nominal(rig()), log, np.array(log.tau)) - log.q).max() > 1e-5
@@ -165,21 +190,36 @@ def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it
 def test_under_a_base_that_sinks_the_plant_leans_by_its_rates_time() -> None:
     """A rig held still: what the same controller gives at the end is what holds it on a base that leans so."""
     smooth = Model(rig(), ())
-    sinking, still = (plant_with(smooth, [BaseTilt(**x)]).plant for x in ({"pitch_rate": 0.1}, {"pitch": 0.1}))
+    sinking, still = (
+        plant_with(smooth, [BaseTilt(**x)]).plant for x in ({"pitch_rate": 0.1}, {"pitch": 0.1})
+    )
     t = DT * np.arange(round(1.0 / DT) + 1)
     q = np.tile([0.2, 0.1], (len(t), 1))
     stand = Motion(t, q, 0 * q, 0 * q)
     sense = Sensors.exact(2)
     known = law(smooth)
-    ends = [simulate(one, known, stand, rng=np.random.default_rng(0), sensors=sense) for one in (sinking, still)]
+    ends = [
+        simulate(one, known, stand, rng=np.random.default_rng(0), sensors=sense)
+        for one in (sinking, still)
+    ]
     assert not ends[0].imus
-    np.testing.assert_allclose(ends[0].tau[-1], ends[1].tau[-1], atol=0.02 * np.abs(ends[1].tau[-1]).max())
+    np.testing.assert_allclose(
+        ends[0].tau[-1], ends[1].tau[-1], atol=0.02 * np.abs(ends[1].tau[-1]).max()
+    )
     assert np.abs(ends[0].tau[0] - ends[1].tau[-1]).max() > 0.1 * np.abs(ends[1].tau[-1]).max()
 
 
 def test_several_causes_at_once_and_in_order() -> None:
-    texts = ["cogging:pan:amplitude=0.03,harmonic=42", "delay:tilt:time=0.002", "payload-shift:x=0.003"]
-    texts += ["dead-zone:tilt:width=0.02", "stribeck:pan:speed=0.1,extra=0.05", "base-tilt:roll=0.02"]
+    texts = [
+        "cogging:pan:amplitude=0.03,harmonic=42",
+        "delay:tilt:time=0.002",
+        "payload-shift:x=0.003",
+    ]
+    texts += [
+        "dead-zone:tilt:width=0.02",
+        "stribeck:pan:speed=0.1,extra=0.05",
+        "base-tilt:roll=0.02",
+    ]
     things = [parse_effect(text, rig()) for text in texts]
     plant, drive = plant_with(nominal(rig()), things)
     assert [signal.name for signal in drive] == ["delay", "dead-zone"]
@@ -199,7 +239,10 @@ def test_several_causes_at_once_and_in_order() -> None:
 
 @given(
     texts=st.lists(
-        st.sampled_from([n for n in sorted(SOME) if issubclass(CAUSES[n], Effect)]), min_size=1, max_size=4, unique=True
+        st.sampled_from([n for n in sorted(SOME) if issubclass(CAUSES[n], Effect)]),
+        min_size=1,
+        max_size=4,
+        unique=True,
     )
 )
 def test_the_plant_converges_as_its_step_shrinks(texts: list[str]) -> None:
@@ -245,7 +288,9 @@ def test_the_torque_arrives_after_the_delay_and_no_sooner() -> None:
     start = State(np.zeros(2), np.zeros(2))
     for delay in (0, 1, 4):
         rng = np.random.default_rng(0)
-        log = simulate(model, pid, still, rng=rng, sensors=Sensors.exact(2), delay=delay, start=start)
+        log = simulate(
+            model, pid, still, rng=rng, sensors=Sensors.exact(2), delay=delay, start=start
+        )
         assert not np.any(log.tau[:delay]) and np.allclose(log.tau[delay], 3.0)
 
 
@@ -267,9 +312,14 @@ def test_a_log_says_which_joints_went_past_their_stops_and_for_how_long() -> Non
     free = run(nominal(rig()))
     assert not any("past its stops" in event for event in free.events)
     low, high = (float(np.quantile(free.q[:, 1], share)) for share in (0.2, 0.9))
-    narrow = replace(rig(), limits=(rig().limits[0], replace(rig().limits[1], lower=low, upper=high)))
+    narrow = replace(
+        rig(), limits=(rig().limits[0], replace(rig().limits[1], lower=low, upper=high))
+    )
     (said,) = run(nominal(narrow)).events
-    assert describe_passed_stops(("tilt",), free.q[:, 1:], np.array([low]), np.array([high])) == "tilt 30 %"
+    assert (
+        describe_passed_stops(("tilt",), free.q[:, 1:], np.array([low]), np.array([high]))
+        == "tilt 30 %"
+    )
     assert "past its stops" in said and "tilt 30 %" in said and "pan" not in said
 
 
@@ -282,7 +332,10 @@ def test_noise_is_drawn_from_the_generator_alone_and_encoders_round() -> None:
     np.testing.assert_allclose(one.q[:, 0] / 0.01, np.round(one.q[:, 0] / 0.01), atol=1e-9)
     assert len(np.unique(one.q[:, 1])) > 900
     silent = Sensors(np.zeros(2), np.zeros(2), np.zeros(2))
-    noise = run(nominal(rig()), sensors=replace(silent, torque_std=np.full(2, 1e-2))).tau - run(nominal(rig())).tau
+    noise = (
+        run(nominal(rig()), sensors=replace(silent, torque_std=np.full(2, 1e-2))).tau
+        - run(nominal(rig())).tau
+    )
     assert noise.std() == pytest.approx(1e-2, rel=0.1) and abs(noise.mean()) < 1e-3
 
 
@@ -295,7 +348,9 @@ def test_a_loop_that_cannot_be_is_refused(gain: float) -> None:
         simulate(model, law(model), reference(dt=0.002), rng=rng)
     wild = ComputedTorque(nominal(rig()), (Pid(gain, 0.0, -gain),) * 2, DT)
     free = replace(rig(), motors=tuple(replace(motor, tau_max=np.inf) for motor in rig().motors))
-    loose = Model(replace(free, limits=tuple(replace(x, effort=np.inf) for x in free.limits)), model.terms)
+    loose = Model(
+        replace(free, limits=tuple(replace(x, effort=np.inf) for x in free.limits)), model.terms
+    )
     with (
         np.errstate(all="ignore"),
         pytest.raises(UsageError, match=r"the closed loop diverged .* s after its start; lower"),
@@ -307,18 +362,25 @@ def test_causes_on_two_joints_are_told_apart() -> None:
     """Cogging on one axis and a delay-free Stribeck on the other: both come back, neither leaks into the other."""
     dt = 0.002
     texts = ["cogging:pan:amplitude=0.04,harmonic=14,phase=1", "stribeck:tilt:speed=0.1,extra=0.08"]
-    terms = [thing for thing in (parse_effect(text, rig()) for text in texts) if isinstance(thing, Term)]
+    terms = [
+        thing for thing in (parse_effect(text, rig()) for text in texts) if isinstance(thing, Term)
+    ]
     t = dt * np.arange(6000)
     w = 2 * np.pi * np.array([[0.13, 0.17], [0.41, 0.36]])
     size = np.array([[0.7, 0.5], [0.2, 0.2]])
     angle = t[:, None, None] * w
     motion = Motion(
-        t, (size * np.sin(angle)).sum(1), (size * w * np.cos(angle)).sum(1), (-size * w**2 * np.sin(angle)).sum(1)
+        t,
+        (size * np.sin(angle)).sum(1),
+        (size * w * np.cos(angle)).sum(1),
+        (-size * w**2 * np.sin(angle)).sum(1),
     )
     model = nominal(rig())
     plant, drive = plant_with(model, terms)
     sensors = Sensors(np.full(2, 1e-6), np.full(2, 1e-4), np.full(2, 2e-3))
-    log = simulate(plant, law(model, dt), motion, rng=np.random.default_rng(3), sensors=sensors, drive=drive)
+    log = simulate(
+        plant, law(model, dt), motion, rng=np.random.default_rng(3), sensors=sensors, drive=drive
+    )
     effects = [term.effect for term in terms]
     swapped = [replace(effects[0], joint="tilt"), replace(effects[1], joint="pan")]
     found = identify(rig(), [log], [*effects, *swapped], holdout="none").estimate
@@ -338,7 +400,13 @@ def test_the_plant_does_not_depend_on_how_often_the_controller_looks() -> None:
         zero = np.zeros((len(t), 2))
         start = State(np.zeros(2), np.array([1.0, -2.0]))
         log = simulate(
-            plant, idle, Motion(t, zero, zero, zero), rng=0, sensors=Sensors.exact(2), drive=drive, start=start
+            plant,
+            idle,
+            Motion(t, zero, zero, zero),
+            rng=0,
+            sensors=Sensors.exact(2),
+            drive=drive,
+            start=start,
         )
         ends.append(log.q[-1])
     np.testing.assert_allclose(ends[1:], ends[:1] * 2, atol=1e-6)

@@ -125,7 +125,9 @@ def drawn(parameter: Parameter, rng: np.random.Generator) -> float:
 def planted(name: str, rng: np.random.Generator, joint: str = "tilt") -> Any:
     """One of the kind with drawn parameters."""
     kind = KINDS[name]
-    return kind.planted(joint if kind.of_joint else None, {p.name: drawn(p, rng) for p in kind.stated()})
+    return kind.planted(
+        joint if kind.of_joint else None, {p.name: drawn(p, rng) for p in kind.stated()}
+    )
 
 
 def states(rng: np.random.Generator, count: int = 40) -> Sample:
@@ -133,7 +135,12 @@ def states(rng: np.random.Generator, count: int = 40) -> Sample:
     t = np.linspace(0.0, 5.0, count)
     v = rng.normal(size=count)
     q = np.cumsum(v) * 0.1
-    rest = (rng.normal(size=count), np.sign(v), rng.normal(size=count), 25 + rng.uniform(0, 20, count))
+    rest = (
+        rng.normal(size=count),
+        np.sign(v),
+        rng.normal(size=count),
+        25 + rng.uniform(0, 20, count),
+    )
     return Sample(t, q, v, *rest, losses=Losses(np.zeros(1), t))
 
 
@@ -152,7 +159,9 @@ def test_a_cause_says_what_it_is(name: str) -> None:
     thing = planted(name, np.random.default_rng(0))
     sentence = thing.sentence()
     kind = CAUSES[name]
-    assert sentence.startswith(f"{thing.effect.joint if isinstance(thing, Term) else thing.place}: {name}, ")
+    assert sentence.startswith(
+        f"{thing.effect.joint if isinstance(thing, Term) else thing.place}: {name}, "
+    )
     assert any(letter.isdigit() for letter in sentence) and "nan" not in sentence
     assert len(kind.experiment) > 20 and len(kind.compensation) > 20
     for parameter in kind.stated():
@@ -169,7 +178,9 @@ def test_floats_and_arrays_agree(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     effect: Effect = planted(name, rng).effect
     many = states(rng)
-    whole = np.column_stack([np.broadcast_to(column, np.shape(many.t)) for column in effect.basis(many)])
+    whole = np.column_stack(
+        [np.broadcast_to(column, np.shape(many.t)) for column in effect.basis(many)]
+    )
     memory = effect.start()
     q = np.asarray(many.q)
     for i in range(len(q)):
@@ -195,12 +206,16 @@ def test_what_an_effect_declares_is_true(name: str, seed: int) -> None:
 
     assert effect.loaded or np.array_equal(basis(), basis(tau=3.3))
     assert effect.dry or np.array_equal(basis(), basis(slide=0.3))
-    np.testing.assert_allclose(basis(a=2.0) - basis(a=0.0), 2 * (basis(a=1.0) - basis(a=0.0)), atol=1e-12)
+    np.testing.assert_allclose(
+        basis(a=2.0) - basis(a=0.0), 2 * (basis(a=1.0) - basis(a=0.0)), atol=1e-12
+    )
     if effect.affine:
         zero = np.array(effect.basis(Sample(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
         per_slide = basis(slide=1.0, v=0.0) - zero
         per_rate = basis(slide=0.0, v=1.0) - zero
-        np.testing.assert_allclose(basis(), zero + at.slide * per_slide + at.v * per_rate, atol=1e-12)
+        np.testing.assert_allclose(
+            basis(), zero + at.slide * per_slide + at.v * per_rate, atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("name", TORQUES)
@@ -210,8 +225,12 @@ def test_torque_is_linear_in_the_coefficients(name: str, seed: int, factor: floa
     effect = planted(name, rng).effect
     many = states(rng)
     x, y = rng.normal(size=(2, len(effect.coefficients)))
-    sum_of_torques = Term(effect, tuple(x)).torque(many) + factor * np.asarray(Term(effect, tuple(y)).torque(many))
-    np.testing.assert_allclose(Term(effect, tuple(x + factor * y)).torque(many), sum_of_torques, atol=1e-10)
+    sum_of_torques = Term(effect, tuple(x)).torque(many) + factor * np.asarray(
+        Term(effect, tuple(y)).torque(many)
+    )
+    np.testing.assert_allclose(
+        Term(effect, tuple(x + factor * y)).torque(many), sum_of_torques, atol=1e-10
+    )
     assert not np.any(Term(effect, (0.0,) * len(x)).torque(many))
 
 
@@ -234,7 +253,10 @@ def test_dry_effects_oppose_motion(name: str, seed: int) -> None:
 
 def test_dry_friction_that_would_push_is_refused() -> None:
     with pytest.raises(UsageError, match=r"joint tilt.*it would push"):
-        plant_with(nominal(rig()), [parse_effect("position-dependent-friction:tilt:amplitude=0.5,harmonic=3", rig())])
+        plant_with(
+            nominal(rig()),
+            [parse_effect("position-dependent-friction:tilt:amplitude=0.5,harmonic=3", rig())],
+        )
     with pytest.raises(UsageError, match=r"joint roll.*it would push"):
         plant_with(nominal(rig()), [parse_effect("asymmetric-friction:roll:coulomb=0.04", rig())])
 
@@ -254,7 +276,9 @@ def test_the_plant_obeys_the_equation_that_is_fitted(name: str, seed: int) -> No
     a = plant.acceleration(t, state, tau)
     row = (x[None, :] for x in (state.q, state.v, a))
     cold = [Losses(np.zeros(1), np.array([t]))] * 3
-    np.testing.assert_allclose(model.inverse(*row, t=np.array([t]), losses=cold)[0], tau, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(
+        model.inverse(*row, t=np.array([t]), losses=cold)[0], tau, rtol=1e-8, atol=1e-8
+    )
 
 
 def test_presliding_slides_after_its_stroke_and_forgets_no_small_reversal() -> None:
@@ -280,7 +304,9 @@ def test_bristles_of_many_lengths_obey_masing_and_close_every_loop() -> None:
     first = bend(x)
     assert np.all(np.diff(first) >= 0) and np.all(np.diff(first, 2) < 1e-12)
     assert first[x < 0.018].max() < 1.0 == first[x >= 0.02].min()
-    np.testing.assert_allclose(bend(np.concatenate([x, x[-1] - x]))[len(x) :], 1 - 2 * bend(x / 2), atol=1e-12)
+    np.testing.assert_allclose(
+        bend(np.concatenate([x, x[-1] - x]))[len(x) :], 1 - 2 * bend(x / 2), atol=1e-12
+    )
     way = np.linspace(0.0, 0.008, 90)
     loop = np.concatenate([way, way[:40:-1], way[40:]])
     for effect, closed in ((many, True), (one, False)):
@@ -299,7 +325,11 @@ def test_bristles_of_many_lengths_obey_masing_and_close_every_loop() -> None:
 def test_every_stroke_is_within_reach_of_one_that_is_tried(stroke: float) -> None:
     seen = OperatingRange(60.0, 0.005, 12.0, 1.6, 1.0, 1e-3, 1.0, 1.2)
     reach = 2.0 ** sum(0.5**k for k in range(8)) * 1.01
-    away = [abs(np.log(stroke / one.stroke)) for one in Presliding.tried("tilt", seen) if isinstance(one, Presliding)]
+    away = [
+        abs(np.log(stroke / one.stroke))
+        for one in Presliding.tried("tilt", seen)
+        if isinstance(one, Presliding)
+    ]
     assert min(away) <= np.log(reach)
 
 
@@ -309,7 +339,9 @@ def test_drift_by_temperature_reads_the_temperature() -> None:
     assert effect.basis(at) == (1.0, 2.0)
     assert effect.basis(at._replace(temperature=25.0)) == (0.0, 0.0)
     q = np.zeros((4, 3))
-    warm = Model(rig(), (Term(effect, (0.5, 0.0)),)).inverse(q, q, q, slide=q + 1.0, temperature=q + 45.0)
+    warm = Model(rig(), (Term(effect, (0.5, 0.0)),)).inverse(
+        q, q, q, slide=q + 1.0, temperature=q + 45.0
+    )
     np.testing.assert_allclose((warm - compute_rnea(rig(), q, q, q))[:, 2], 1.0)
 
 
@@ -338,12 +370,15 @@ DT = 0.004
 def excitation(joints: int) -> Motion:
     """Sums of three sines per joint, 10 s."""
     t = DT * np.arange(2500)
-    frequencies = 2 * np.pi * np.array([[0.11, 0.13, 0.16], [0.37, 0.43, 0.31], [0.9, 0.7, 0.8]])[:, :joints]
+    frequencies = (
+        2 * np.pi * np.array([[0.11, 0.13, 0.16], [0.37, 0.43, 0.31], [0.9, 0.7, 0.8]])[:, :joints]
+    )
     sizes = np.array([[0.6, 0.5, 0.4], [0.25, 0.2, 0.2], [0.06, 0.05, 0.07]])[:, :joints]
     phases = np.array([[0.0, 1.0, 2.0], [2.0, 0.5, 1.0], [1.0, 3.0, 0.0]])[:, :joints]
     angle = t[:, None, None] * frequencies + phases
     q, v, a = (
-        (sizes * f).sum(axis=1) for f in (np.sin(angle), frequencies * np.cos(angle), -(frequencies**2) * np.sin(angle))
+        (sizes * f).sum(axis=1)
+        for f in (np.sin(angle), frequencies * np.cos(angle), -(frequencies**2) * np.sin(angle))
     )
     return Motion(t, q, v, a)
 
@@ -355,10 +390,14 @@ def recorded(term: Term, where: Rig) -> Log:
     law = ComputedTorque(model, (Pid.placed(5.0, 1.0, 0.2),) * n, DT, lead=1.5 * DT)
     sensors = Sensors(np.full(n, 2 * np.pi / 2**20), np.full(n, 1e-4), np.full(n, 2e-3))
     plant, drive = plant_with(model, [term])
-    return simulate(plant, law, excitation(n), rng=np.random.default_rng(1), sensors=sensors, drive=drive)
+    return simulate(
+        plant, law, excitation(n), rng=np.random.default_rng(1), sensors=sensors, drive=drive
+    )
 
 
-@pytest.mark.parametrize("name", sorted(PLANTED.keys() - {"torque-gain", "torque-ripple", "load-dependent-friction"}))
+@pytest.mark.parametrize(
+    "name", sorted(PLANTED.keys() - {"torque-gain", "torque-ripple", "load-dependent-friction"})
+)
 def test_identification_finds_what_was_planted(name: str) -> None:
     where = rig("thesis" if name in COUPLED else "turret")
     term = parse_effect(f"{name}:{PLANTED[name]}", where)
@@ -419,11 +458,15 @@ TURN = OperatingRange(60.0, 0.005, 12.0, 7.0, 1.0, 1e-3, 1.0, 1.2)
 
 def share_no_motor_makes(sizes: dict[int, float]) -> float:
     lines = tuple(float(k) for k in sorted(sizes))
-    return Cogging("yaw", lines).compute_stray_share(np.array([sizes[int(k)] ** 2 for k in lines]), TURN)
+    return Cogging("yaw", lines).compute_stray_share(
+        np.array([sizes[int(k)] ** 2 for k in lines]), TURN
+    )
 
 
 @given(st.integers(4, 42), st.integers(3, 48), st.integers(0, 10**6))
-def test_lines_of_poles_and_slots_and_of_the_turn_are_a_motors(poles: int, slots: int, seed: int) -> None:
+def test_lines_of_poles_and_slots_and_of_the_turn_are_a_motors(
+    poles: int, slots: int, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
     own = [k for k in range(1, 145) if not (k % poles and k % slots)] + [1]
     sizes = {k: float(rng.uniform(0.1, 1.0)) for k in own}
@@ -437,7 +480,9 @@ def test_lines_of_a_notch_are_no_motors() -> None:
     q = np.radians(np.arange(0.0, 360.0, 0.25))
     notch = np.where((q > np.radians(10)) & (q < np.radians(20)), 0.05, 0.0)
     spectrum = np.abs(np.fft.rfft(notch))
-    assert share_no_motor_makes({k: float(spectrum[k]) for k in (46, 34, 25, 14, *range(2, 16))}) > 0.2
+    assert (
+        share_no_motor_makes({k: float(spectrum[k]) for k in (46, 34, 25, 14, *range(2, 16))}) > 0.2
+    )
 
 
 @pytest.mark.parametrize("kind", [Cogging, TorqueRipple, PositionDependentFriction])
@@ -516,8 +561,15 @@ def test_the_step_response_of_a_lag_is_exponential(T: float, dt: float) -> None:
         assert mean == pytest.approx(np.trapezoid(1 - np.exp(-over / T), over) / dt, rel=1e-5)
 
 
-@given(f=st.floats(5, 120), zeta=st.floats(0.001, 0.5), share=st.floats(0.05, 0.95), on_rotor=st.booleans())
-def test_joint_flexibility_is_two_masses_on_a_spring(f: float, zeta: float, share: float, on_rotor: bool) -> None:
+@given(
+    f=st.floats(5, 120),
+    zeta=st.floats(0.001, 0.5),
+    share=st.floats(0.05, 0.95),
+    on_rotor=st.booleans(),
+)
+def test_joint_flexibility_is_two_masses_on_a_spring(
+    f: float, zeta: float, share: float, on_rotor: bool
+) -> None:
     """Rotor, spring, link integrated exactly, against the rigid joint behind the signal: the same encoder angle."""
     dt, total = 1e-3, 0.2
     J = share * total
@@ -549,11 +601,20 @@ def test_joint_flexibility_is_two_masses_on_a_spring(f: float, zeta: float, shar
     np.testing.assert_allclose(rigid, read, atol=1e-9 * max(np.abs(read)) + 1e-12)
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(1e-4, 0.1), st.floats(1e-4, 1e-2), st.sampled_from([0.0, 0.25, 0.5]))
-def test_backlash_keeps_the_momentum_and_the_gap(seed: int, gap: float, inertia: float, share: float) -> None:
+@given(
+    st.integers(0, 2**32 - 1),
+    st.floats(1e-4, 0.1),
+    st.floats(1e-4, 1e-2),
+    st.sampled_from([0.0, 0.25, 0.5]),
+)
+def test_backlash_keeps_the_momentum_and_the_gap(
+    seed: int, gap: float, inertia: float, share: float
+) -> None:
     rng = np.random.default_rng(seed)
     dt = 1e-3
-    moved = inertia * (1 - 1 / share if share else 1.0)  # the rotor's, or less the link's that no encoder sees
+    moved = inertia * (
+        1 - 1 / share if share else 1.0
+    )  # the rotor's, or less the link's that no encoder sees
     signal = Backlash("tilt", gap, inertia, share)
     x = rng.normal(size=200) + 0.5 * np.sin(np.arange(200) / 10)
     memory = signal.start()
@@ -583,7 +644,9 @@ def test_static_signals() -> None:
 
 
 @given(sharpness=st.floats(1.0, 200.0), width=st.floats(1e-3, 2.0))
-def test_a_sharp_dead_zone_halves_a_command_of_its_width_and_passes_large_ones(sharpness: float, width: float) -> None:
+def test_a_sharp_dead_zone_halves_a_command_of_its_width_and_passes_large_ones(
+    sharpness: float, width: float
+) -> None:
     """Odd, growing with the command, never more than it; half at the width; the sharper, the more like a threshold."""
     zone = DeadZone("tilt", width, sharpness)
     x = np.linspace(-5.0, 5.0, 201) * width
@@ -592,8 +655,13 @@ def test_a_sharp_dead_zone_halves_a_command_of_its_width_and_passes_large_ones(s
     assert np.all(np.diff(y) >= 0) and np.all(np.abs(y) <= np.abs(x))
     assert zone.passed(width) == pytest.approx(width / 2)
     np.testing.assert_allclose(zone.passed(1e6 * width), 1e6 * width, rtol=1e-5)
-    assert zone.passed(2.0 ** (1 / sharpness) * width) == pytest.approx(0.75 * 2.0 ** (1 / sharpness) * width)
-    assert abs(float(zone.passed(0.9 * width))) <= 0.9 * width * np.log(2) * 0.9**sharpness + 1e-15 * width
+    assert zone.passed(2.0 ** (1 / sharpness) * width) == pytest.approx(
+        0.75 * 2.0 ** (1 / sharpness) * width
+    )
+    assert (
+        abs(float(zone.passed(0.9 * width)))
+        <= 0.9 * width * np.log(2) * 0.9**sharpness + 1e-15 * width
+    )
 
 
 @pytest.mark.parametrize("power", [1.5, 2.0, 3.0])
@@ -629,7 +697,9 @@ def test_a_shifted_payload_takes_the_centre_of_mass_with_it(name: str) -> None:
     before = where.model
     after = moved.model
     q = np.zeros(where.n)
-    change = pin.centerOfMass(after, after.createData(), q) - pin.centerOfMass(before, before.createData(), q)
+    change = pin.centerOfMass(after, after.createData(), q) - pin.centerOfMass(
+        before, before.createData(), q
+    )
     frame = where.model.getFrameId(str(where.payload_link))
     data = before.createData()
     pin.framesForwardKinematics(before, data, q)
@@ -669,7 +739,9 @@ def test_payload_mass_scales_the_payload() -> None:
     assert own.mass == pytest.approx(payload_mass(where))
     heavier = PayloadMass(extra).apply(where)
     change = heavier.phi - where.phi
-    np.testing.assert_allclose(change[20:], own.toDynamicParameters() * extra / own.mass, atol=1e-12)
+    np.testing.assert_allclose(
+        change[20:], own.toDynamicParameters() * extra / own.mass, atol=1e-12
+    )
     assert not change[:20].any()
     with pytest.raises(UsageError, match=r"payload-mass.*no body can have"):
         PayloadMass(-20.0).apply(where)
@@ -680,15 +752,23 @@ def test_no_payload_no_shift() -> None:
         PayloadShift(0.01).apply(Rig.load("thesis", "none"))
 
 
-@given(offset=st.floats(-3, 3), joint=st.sampled_from(["yaw", "roll", "tilt"]), seed=st.integers(0, 2**32 - 1))
-def test_an_offset_encoder_reads_another_angle_of_the_same_rig(offset: float, joint: str, seed: int) -> None:
+@given(
+    offset=st.floats(-3, 3),
+    joint=st.sampled_from(["yaw", "roll", "tilt"]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_an_offset_encoder_reads_another_angle_of_the_same_rig(
+    offset: float, joint: str, seed: int
+) -> None:
     where = rig()
     rng = np.random.default_rng(seed)
     q, v, a = rng.uniform(-1, 1, (3, 4, 3))
     read = q.copy()
     read[:, where.joint_index(joint)] += offset
     turned = EncoderOffset(joint, offset).apply(where)
-    np.testing.assert_allclose(compute_rnea(turned, read, v, a), compute_rnea(where, q, v, a), atol=1e-9)
+    np.testing.assert_allclose(
+        compute_rnea(turned, read, v, a), compute_rnea(where, q, v, a), atol=1e-9
+    )
 
 
 def test_a_base_on_its_head_turns_gravity_round() -> None:
@@ -710,7 +790,9 @@ def test_products_of_inertia_are_those_of_the_regressor() -> None:
     changed = OffDiagonalInertia("roll", Ixy=1e-3, Iyz=-2e-3).apply(where)
     Y = compute_regressor(where, q, v, a)
     column = 1e-3 * Y[..., 10 + PHI.index("Ixy")] - 2e-3 * Y[..., 10 + PHI.index("Iyz")]
-    np.testing.assert_allclose(compute_rnea(changed, q, v, a) - compute_rnea(where, q, v, a), column, atol=1e-12)
+    np.testing.assert_allclose(
+        compute_rnea(changed, q, v, a) - compute_rnea(where, q, v, a), column, atol=1e-12
+    )
     with pytest.raises(UsageError, match=r"off-diagonal-inertia.*fork"):
         OffDiagonalInertia("roll", Ixy=5.0).apply(where)
 
@@ -719,10 +801,25 @@ def mounted(turn: Array) -> Rig:
     """The rig with its payload turned by so much roll, pitch and yaw, rad, (3,)."""
     where = rig()
     tree = etree.fromstring(where.urdf.encode())
-    below = next(joint for joint in tree.iter("joint") if joint.find("child").get("link") == where.payload_link)
-    place = below.find("origin") if below.find("origin") is not None else etree.SubElement(below, "origin")
+    below = next(
+        joint
+        for joint in tree.iter("joint")
+        if joint.find("child").get("link") == where.payload_link
+    )
+    place = (
+        below.find("origin")
+        if below.find("origin") is not None
+        else etree.SubElement(below, "origin")
+    )
     place.set("rpy", " ".join(map(str, turn)))
-    return build_rig(where.path, etree.tostring(tree).decode(), where.config, where.payload, where.payload_link, "test")
+    return build_rig(
+        where.path,
+        etree.tostring(tree).decode(),
+        where.config,
+        where.payload,
+        where.payload_link,
+        "test",
+    )
 
 
 def test_products_of_a_payload_stand_in_the_frame_it_is_mounted_in() -> None:
@@ -733,12 +830,17 @@ def test_products_of_a_payload_stand_in_the_frame_it_is_mounted_in() -> None:
         carrier = where.joints[get_payload(where)[0]]
         before, after = (
             one.model.inertias[where.joint_index(carrier) + 1].inertia
-            for one in (where, OffDiagonalInertia(carrier, payload_Ixy=1e-4, payload_Iyz=-2e-4).apply(where))
+            for one in (
+                where,
+                OffDiagonalInertia(carrier, payload_Ixy=1e-4, payload_Iyz=-2e-4).apply(where),
+            )
         )
         P = np.array([[0.0, 1e-4, 0.0], [1e-4, 0.0, -2e-4], [0.0, -2e-4, 0.0]])
         np.testing.assert_allclose(after - before, R @ P @ R.T, atol=1e-12)
         with pytest.raises(UsageError, match=carrier):
-            OffDiagonalInertia(next(j for j in where.joints if j != carrier), payload_Ixy=1e-4).apply(where)
+            OffDiagonalInertia(
+                next(j for j in where.joints if j != carrier), payload_Ixy=1e-4
+            ).apply(where)
 
 
 # -- words and files --
@@ -755,7 +857,9 @@ def test_what_is_written_is_what_is_planted(name: str, seed: int) -> None:
     joint = "roll:" if kind.of_joint else ""
     pairs = list(values.items())
     rng.shuffle(pairs)
-    thing = parse_effect(f"{name}:{joint}{','.join(f'{key}={value!r}' for key, value in pairs)}", rig())
+    thing = parse_effect(
+        f"{name}:{joint}{','.join(f'{key}={value!r}' for key, value in pairs)}", rig()
+    )
     shown = thing.effect.shown(thing.values) if isinstance(thing, Term) else thing.shown()
     for p in shown:
         assert p.value == pytest.approx(values[p.name], rel=1e-9, abs=1e-9)
@@ -769,7 +873,10 @@ def test_what_is_written_is_what_is_planted(name: str, seed: int) -> None:
         ("coging:yaw", "no cause 'coging'; the causes are actuator-lag, armature"),
         ("coulomb:yaw:Fs=1", "no cause 'coulomb'"),
         ("cogging:pan:amplitude=1,harmonic=2", "no joint 'pan'; .*yaw, roll, tilt"),
-        ("cogging", "no joint ''; write cogging:JOINT:amplitude=...,harmonic=... with a joint out of yaw, roll, tilt"),
+        (
+            "cogging",
+            "no joint ''; write cogging:JOINT:amplitude=...,harmonic=... with a joint out of yaw, roll, tilt",
+        ),
         ("cogging:yaw", "says nothing of amplitude, harmonic"),
         ("cogging:yaw:amplitude=0.1", "says nothing of harmonic; .*harmonic, 1 to 1000 per turn"),
         ("cogging:yaw:size=0.1", "no parameter 'size'; .*amplitude, 0 to inf N m"),
@@ -778,7 +885,10 @@ def test_what_is_written_is_what_is_planted(name: str, seed: int) -> None:
         ("cogging:yaw:amplitude=nan,harmonic=2", "amplitude is 'nan'; give a number"),
         ("cogging:yaw:amplitude,harmonic=2", "amplitude is ''; give a number"),
         ("delay:tilt:time=1", "time is 1 s; give 0 to 0.2 s"),
-        ("payload-shift", r"says nothing of x, y, z; write payload-shift:x=...,y=...,z=...: x, -0.5 to 0.5 m"),
+        (
+            "payload-shift",
+            r"says nothing of x, y, z; write payload-shift:x=...,y=...,z=...: x, -0.5 to 0.5 m",
+        ),
         ("torque-bias:yaw:bias=0", "says nothing of bias"),
     ],
 )
@@ -793,17 +903,27 @@ def test_shapes_out_of_bounds_and_foreign_files_are_refused() -> None:
         Delay("yaw", -1.0)
     with pytest.raises(GimbalPinError, match=r"cogging: harmonic is nan"):
         Cogging("yaw", (12.0, nan))
-    for data in ({"effect": "phlogiston"}, {}, {"effect": "delay", "joint": "yaw", "tim": 1.0}, {"effect": "delay"}):
+    for data in (
+        {"effect": "phlogiston"},
+        {},
+        {"effect": "delay", "joint": "yaw", "tim": 1.0},
+        {"effect": "delay"},
+    ):
         with pytest.raises(ModelError):
             read_cause(data)
-    for data in ({"effect": "delay", "joint": "yaw", "time": 0.1}, {"effect": "coulomb", "joint": "yaw", "values": []}):
+    for data in (
+        {"effect": "delay", "joint": "yaw", "time": 0.1},
+        {"effect": "coulomb", "joint": "yaw", "values": []},
+    ):
         with pytest.raises(ModelError, match=r"no term"):
             read_term(data)
 
 
 def test_a_link_that_swings_slower_than_any_resonance_swings_at_the_slowest() -> None:
     """A rotor of next to nothing of a slow joint: the search may try it, and no bound of the link's stops it."""
-    assert JointFlexibility("tilt", 0.6, 0.01, 0.01).held.frequency == JointFlexibility.shapes[0].lower
+    assert (
+        JointFlexibility("tilt", 0.6, 0.01, 0.01).held.frequency == JointFlexibility.shapes[0].lower
+    )
 
 
 def test_planted_bristles_are_the_joints_dry_friction() -> None:
@@ -812,7 +932,8 @@ def test_planted_bristles_are_the_joints_dry_friction() -> None:
     plain = nominal(rig)
     plant = plant_with(plain, [Term(Presliding(joint, 0.02), (0.1,))]).plant
     coulomb, before = (
-        {t.effect.joint: t.values[0] for t in model.terms if isinstance(t.effect, Coulomb)} for model in (plant, plain)
+        {t.effect.joint: t.values[0] for t in model.terms if isinstance(t.effect, Coulomb)}
+        for model in (plant, plain)
     )
     assert coulomb == {**before, joint: 0.0} and before[joint] > 0
     none = plant_with(plain, [Term(Presliding(joint, 0.02), (0.0,))]).plant
@@ -828,7 +949,9 @@ def test_a_table_is_the_same_function_of_one_state_and_of_many(x: float) -> None
 
 
 @pytest.mark.parametrize("travel", [0.0, 1e-3, 0.3, 0.9, 2.0, 7.0])
-def test_harmonics_that_a_travel_does_not_part_are_few_and_within_its_resolution(travel: float) -> None:
+def test_harmonics_that_a_travel_does_not_part_are_few_and_within_its_resolution(
+    travel: float,
+) -> None:
     """Each at most half a period of the travel away, at most eight of them, and none over a turn."""
     seen = OperatingRange(30.0, 0.002, 12.0, travel, 1.0, 1e-3, 1.0, 1.2)
     found = PositionDependentFriction("pan", (3.0, 40.0)).akin(seen)

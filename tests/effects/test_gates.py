@@ -31,7 +31,9 @@ SEEN = OperatingRange(60.0, 0.005, 12.0, 2.0, 1.0, 1e-3, 1.0, 1.2)
 
 def first(*terms: Term, seed: int = 3) -> State:
     """The refitted model without any cause, on a log of these terms."""
-    log = prescribed(Model(RIG, (*nominal(RIG).terms, *terms)), seed, seconds=14.0, torque_noise=1e-4, dt=2e-3)
+    log = prescribed(
+        Model(RIG, (*nominal(RIG).terms, *terms)), seed, seconds=14.0, torque_noise=1e-4, dt=2e-3
+    )
     problem = Problem.of(gather(RIG, [log], ALIGNED), reduce_parameters(RIG))
     return solve_causes(problem, (), solve_causes(problem, ()))
 
@@ -51,7 +53,9 @@ def test_a_short_stroke_shows_though_bristles_slide_most_of_the_time(joint: int,
 
 @pytest.mark.parametrize("kind", [Delay, ActuatorLag])
 def test_the_grid_of_times_reaches_a_tenth_of_a_sample(kind: type[Cause]) -> None:
-    times = np.array([next(x for x in (getattr(c, s.name) for s in c.shapes)) for c in kind.tried("tilt", SEEN)])
+    times = np.array(
+        [next(x for x in (getattr(c, s.name) for s in c.shapes)) for c in kind.tried("tilt", SEEN)]
+    )
     assert times[0] == pytest.approx(SEEN.dt / 10) and np.all(np.diff(np.log(times)) < np.log(2.2))
 
 
@@ -76,4 +80,6 @@ def test_a_gap_at_rest_does_not_knock_at_the_noise_of_a_rate() -> None:
     held = JointLoad.along(brake, load, command, np.full(count, True))
     np.testing.assert_allclose(gap.along(command, 2e-3, held), command)
     assert np.abs(gap.along(command, 2e-3, JointLoad(brake, load)) - command).max() > 0.5
-    np.testing.assert_array_equal(JointLoad.along(brake, load, command, np.full(count, False)).brake, brake)
+    np.testing.assert_array_equal(
+        JointLoad.along(brake, load, command, np.full(count, False)).brake, brake
+    )

@@ -27,7 +27,10 @@ RIGS = ("handheld", "thesis", "turret")
 
 
 def problem(
-    rig: Rig, criterion: Criterion | None = None, effects: tuple[Effect, ...] = (), model: Model | None = None
+    rig: Rig,
+    criterion: Criterion | None = None,
+    effects: tuple[Effect, ...] = (),
+    model: Model | None = None,
 ) -> ExcitationProblem:
     return ExcitationProblem(
         model or nominal(rig),
@@ -42,7 +45,9 @@ def differences(function, x: Array, along: Array | None = None) -> Array:
     """Central differences of a function of a vector along its entries, or other directions (k, n), one column each."""
     step = 1e-6
     ways = np.eye(len(x)) if along is None else along
-    return np.stack([(function(x + step * e) - function(x - step * e)) / (2 * step) for e in ways], axis=-1)
+    return np.stack(
+        [(function(x + step * e) - function(x - step * e)) / (2 * step) for e in ways], axis=-1
+    )
 
 
 @cache
@@ -63,7 +68,11 @@ def assert_within(rig: Rig, model: Model, found: Excitation, margin: float) -> N
     share = 1 - margin
     slack = 1e-3
     for j, limit in enumerate(rig.limits):
-        trimmed = margin / 2 * (limit.upper - limit.lower) if np.isfinite(limit.upper - limit.lower) else 0.0
+        trimmed = (
+            margin / 2 * (limit.upper - limit.lower)
+            if np.isfinite(limit.upper - limit.lower)
+            else 0.0
+        )
         assert motion.q[:, j].min() >= limit.lower + trimmed - slack
         assert motion.q[:, j].max() <= limit.upper - trimmed + slack
         assert np.abs(motion.v[:, j]).max() <= share * limit.velocity + slack

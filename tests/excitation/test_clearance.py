@@ -51,14 +51,18 @@ def apart(rig: Rig, found: Excitation) -> float:
     """The smallest distance of all pairs on a grid twice as dense, without any short cut."""
     all_pairs = Clearance.of(rig, 0.0, Envelope.of(rig))
     q = found.series.motion(found.coefficients, np.linspace(0.0, found.seconds, 2401)).q
-    return float(all_pairs.compute_distances(q, range(len(all_pairs.geometry.collisionPairs))).min())
+    return float(
+        all_pairs.compute_distances(q, range(len(all_pairs.geometry.collisionPairs))).min()
+    )
 
 
 def test_the_arm_does_not_hit_the_frame(tmp_path: Path) -> None:
     free = excite(beside(tmp_path, "3 3"), starts=1, seconds=5.0, rng=np.random.default_rng(0))
     passed = np.median(free.motion.q[:, 0])
     rig = beside(tmp_path, f"{0.21 * np.cos(passed)} {0.21 * np.sin(passed)}")
-    assert apart(rig, free) < 0  # what is best where there is no post runs into one that stands in its way
+    assert (
+        apart(rig, free) < 0
+    )  # what is best where there is no post runs into one that stands in its way
     found = excite(rig, starts=1, seconds=5.0, rng=np.random.default_rng(0), clearance=0.01)
     assert found.clearance is not None
     assert found.clearance.distance == pytest.approx(apart(rig, found), abs=2e-6)
@@ -67,12 +71,17 @@ def test_the_arm_does_not_hit_the_frame(tmp_path: Path) -> None:
     assert_within(rig, nominal(rig), found, margin=0.05)
     read = json.loads(json.dumps(found.to_dict()))["clearance"]
     assert read == {"distance": found.clearance.distance, "between": list(found.clearance.between)}
-    assert f"smallest clearance: {1000 * read['distance']:.3g} mm, between" in show_excitation(found).to_text()
+    assert (
+        f"smallest clearance: {1000 * read['distance']:.3g} mm, between"
+        in show_excitation(found).to_text()
+    )
 
 
 def test_what_is_not_watched_is_checked_and_mended(tmp_path: Path) -> None:
     rig = beside(tmp_path)
-    at = replace(problem(rig), clearance=replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=()))
+    at = replace(
+        problem(rig), clearance=replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=())
+    )
     for seed in range(40):
         x = at.draw_start(np.random.default_rng(seed))
         gap = at.clearance.find_smallest_gap(at.motion(x, at.dense).q)  # type: ignore[union-attr]
@@ -94,10 +103,16 @@ def test_derivative_of_the_distance_is_exact(tmp_path: Path) -> None:
     exact = at.differentiate_room(q)
     step = 1e-3
     rough = np.stack(
-        [(at.compute_room(q + step * e) - at.compute_room(q - step * e)) / (2 * step) for e in np.eye(2)], axis=-1
+        [
+            (at.compute_room(q + step * e) - at.compute_room(q - step * e)) / (2 * step)
+            for e in np.eye(2)
+        ],
+        axis=-1,
     )
     error = np.abs(exact - rough)
-    assert np.quantile(error, 0.9) < 1e-3 * np.abs(rough).max()  # the others: another edge becomes the nearest
+    assert (
+        np.quantile(error, 0.9) < 1e-3 * np.abs(rough).max()
+    )  # the others: another edge becomes the nearest
     watching = replace(problem(rig), clearance=at)
     x = watching.draw_start(np.random.default_rng(0))
     assert watching.differentiate_room(x).shape == (len(watching.compute_room(x)), len(x))
@@ -149,5 +164,7 @@ def test_mesh_that_is_not_there_is_named_and_one_that_is_counts(tmp_path: Path) 
 
 def test_rig_that_can_only_hit_is_named(tmp_path: Path) -> None:
     rig = moved(beside(tmp_path, "0.2 0"), lower=-1.0, upper=1.0)
-    with pytest.raises(UsageError, match=r"keep 0.1 m from each other: at mid-range \w+ and \w+ are"):
+    with pytest.raises(
+        UsageError, match=r"keep 0.1 m from each other: at mid-range \w+ and \w+ are"
+    ):
         excite(rig, starts=1, rng=np.random.default_rng(0), clearance=0.1)

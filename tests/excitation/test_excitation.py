@@ -48,7 +48,16 @@ from gimbal_pin.log import Array, Log, Motion, read_motion
 from gimbal_pin.regression import Filtering, compute_settling_time
 from gimbal_pin.rig import Limits, Rig
 from tests.command_line import Run, heard, refused, result
-from tests.excitation.designs import RIGS, SLIDER, assert_within, crane, designed, differences, moved, problem
+from tests.excitation.designs import (
+    RIGS,
+    SLIDER,
+    assert_within,
+    crane,
+    designed,
+    differences,
+    moved,
+    problem,
+)
 
 PENDULUM = Path(__file__).parents[3] / "shared/data/dfki_double_pendulum/double_pendulum.urdf"
 
@@ -74,7 +83,9 @@ def pendulum() -> Rig:
 # gradients
 
 
-@pytest.mark.parametrize("criterion", [Condition(), Condition(sharpness=8.0), Determinant()], ids=["m64", "m8", "det"])
+@pytest.mark.parametrize(
+    "criterion", [Condition(), Condition(sharpness=8.0), Determinant()], ids=["m64", "m8", "det"]
+)
 @pytest.mark.parametrize("name", RIGS)
 def test_gradient_is_that_of_the_criterion(name: str, criterion: Criterion) -> None:
     at = problem(Rig.load(name), criterion)
@@ -89,7 +100,11 @@ def test_gradient_is_that_of_the_criterion(name: str, criterion: Criterion) -> N
 
 def test_gradient_holds_with_effects_that_see_rate_and_load() -> None:
     rig = Rig.load("thesis")
-    effects = (Stribeck("tilt", 0.2), LoadDependentFriction("roll"), LoadDependentFriction("tilt", True, 0.5, 0.2))
+    effects = (
+        Stribeck("tilt", 0.2),
+        LoadDependentFriction("roll"),
+        LoadDependentFriction("tilt", True, 0.5, 0.2),
+    )
     at = problem(rig, Determinant(), effects)
     x = at.draw_start(np.random.default_rng(3))
     rough = differences(lambda x: at.evaluate(x)[0], x)
@@ -99,9 +114,14 @@ def test_gradient_holds_with_effects_that_see_rate_and_load() -> None:
 
 def test_jacobian_of_the_limits_is_exact_torque_included() -> None:
     rig = Rig.load("thesis")
-    carrying = Term(LoadDependentFriction("roll"), (0.1,)), Term(LoadDependentFriction("tilt", True, 0.5, 0.2), (0.1,))
+    carrying = (
+        Term(LoadDependentFriction("roll"), (0.1,)),
+        Term(LoadDependentFriction("tilt", True, 0.5, 0.2), (0.1,)),
+    )
     terms = (*nominal(rig).terms, *carrying, Term(Stribeck("tilt", 0.2), (0.02,)))
-    at = problem(moved(rig, effort=1.0, acceleration=inf), model=Model(moved(rig, effort=1.0), terms))
+    at = problem(
+        moved(rig, effort=1.0, acceleration=inf), model=Model(moved(rig, effort=1.0), terms)
+    )
     assert at.driven.all()
     x = at.draw_start(np.random.default_rng(4))
     assert np.abs(at.differentiate_room(x) - differences(at.compute_room, x)).max() < 1e-6
@@ -115,7 +135,9 @@ def test_limits_hold_between_the_samples(name: str) -> None:
     rig = Rig.load(name)
     found = designed(name, 0)
     assert_within(rig, nominal(rig), found, margin=0.05)
-    assert max(max(used.values()) for used in found.limits_used.values()) == pytest.approx(0.95, abs=0.01)
+    assert max(max(used.values()) for used in found.limits_used.values()) == pytest.approx(
+        0.95, abs=0.01
+    )
 
 
 @pytest.mark.parametrize("name", RIGS)
@@ -145,7 +167,9 @@ def test_much_better_than_random_motions_within_the_same_limits(name: str) -> No
     rng = np.random.default_rng(5)
     at = problem(rig)
     grid = replace(at, per_period=48).coarse
-    chance = [at.columns.compute_condition_number(at.motion(at.draw_start(rng), grid)) for _ in range(10)]
+    chance = [
+        at.columns.compute_condition_number(at.motion(at.draw_start(rng), grid)) for _ in range(10)
+    ]
     assert designed(name, 0).condition_number < 0.7 * min(chance)
 
 
@@ -219,10 +243,14 @@ def test_joint_without_angle_limits_turns_at_most_half_a_turn_either_way() -> No
 
 
 @pytest.mark.parametrize("stated", [0, 5e4])
-def test_limits_that_nobody_states_are_assumed_and_said(run: Run, tmp_path: Path, stated: float) -> None:
+def test_limits_that_nobody_states_are_assumed_and_said(
+    run: Run, tmp_path: Path, stated: float
+) -> None:
     """No point then moves faster than people may stand beside; with one's own limits nothing is assumed."""
     source = Rig.load("turret").urdf
-    (tmp_path / "turret.urdf").write_text(re.sub(r'(velocity|effort)="[^"]*"', rf'\1="{stated:g}"', source))
+    (tmp_path / "turret.urdf").write_text(
+        re.sub(r'(velocity|effort)="[^"]*"', rf'\1="{stated:g}"', source)
+    )
     excited = ("excite", tmp_path / "turret.urdf", "--starts", 1, "-o")
     guessed = result(run, *excited, tmp_path / "out.csv")["assumed"]
     rates = {one["joint"]: one["value"] for one in guessed if one["quantity"] == "velocity"}
@@ -232,25 +260,37 @@ def test_limits_that_nobody_states_are_assumed_and_said(run: Run, tmp_path: Path
     assert rates.keys() == set(rig.joints)
     assert np.array(list(rates.values())) @ compute_joint_reach(rig) == pytest.approx(0.25)
     motion = read_motion(tmp_path / "out.csv", rig)
-    assert np.abs(motion.q).max() <= 0.25 and (np.abs(motion.v).max(axis=0) <= list(rates.values())).all()
+    assert (
+        np.abs(motion.q).max() <= 0.25
+        and (np.abs(motion.v).max(axis=0) <= list(rates.values())).all()
+    )
     said = run(*excited, tmp_path / "out.csv")[1]
     assert "assumed pan.velocity" in said and "--limit pan.velocity=NUMBER" in said
-    limits = [f"--limit={joint}.{limit}" for joint in rig.joints for limit in ("velocity=1.5", "effort=4")]
+    limits = [
+        f"--limit={joint}.{limit}" for joint in rig.joints for limit in ("velocity=1.5", "effort=4")
+    ]
     assert not result(run, *excited, tmp_path / "out.csv", *limits)["assumed"]
 
 
 def test_assuming_limits_twice_changes_nothing_and_stated_ones_stay() -> None:
     for name in RIGS:
-        assert assume_limits(Rig.load(name)) == (Rig.load(name), ()) or not assume_limits(Rig.load(name))[1]
+        assert (
+            assume_limits(Rig.load(name)) == (Rig.load(name), ())
+            or not assume_limits(Rig.load(name))[1]
+        )
     assumed, said = assume_limits(moved(Rig.load("thesis"), velocity=inf))
     assert len(said) > 2 and not assume_limits(assumed)[1]
 
 
 @pytest.mark.parametrize("name", RIGS)
 @pytest.mark.parametrize("effort", [None, 2.0])
-def test_a_first_motion_is_the_same_at_a_tenth_and_pushes_with_a_tenth(name: str, effort: float | None) -> None:
+def test_a_first_motion_is_the_same_at_a_tenth_and_pushes_with_a_tenth(
+    name: str, effort: float | None
+) -> None:
     rig = Rig.load(name)
-    if effort is not None:  # the torque alone bounds the motion: with gravity's help it pushes with over one limit
+    if (
+        effort is not None
+    ):  # the torque alone bounds the motion: with gravity's help it pushes with over one limit
         rig = moved(rig, effort=effort, acceleration=inf, velocity=50.0)
     full, first = (excite(rig, starts=1, rng=1, first=first) for first in (False, True))
     swing = np.ptp(first.motion.q, axis=0) / np.ptp(full.motion.q, axis=0)
@@ -264,9 +304,13 @@ def test_a_first_motion_is_the_same_at_a_tenth_and_pushes_with_a_tenth(name: str
     assert (np.abs(push).max(axis=0) <= 0.1 * rig.tau_max).all()
 
 
-@pytest.mark.parametrize("limit", ["pan.velocity", "pan=2", "pan.speed=2", "roll.velocity=2", "pan.velocity=-1"])
+@pytest.mark.parametrize(
+    "limit", ["pan.velocity", "pan=2", "pan.speed=2", "roll.velocity=2", "pan.velocity=-1"]
+)
 def test_a_limit_that_is_none_is_named(run: Run, tmp_path: Path, limit: str) -> None:
-    refused(run("excite", "turret", "-o", tmp_path / "out.csv", "--limit", limit), 2, f"--limit {limit}")
+    refused(
+        run("excite", "turret", "-o", tmp_path / "out.csv", "--limit", limit), 2, f"--limit {limit}"
+    )
 
 
 def test_slide_with_limits_is_moved_within_them(tmp_path: Path) -> None:
@@ -284,7 +328,9 @@ def test_slide_without_limits_is_named(tmp_path: Path) -> None:
 
 def test_motors_that_cannot_hold_the_payload_are_named() -> None:
     rig = moved(Rig.load("thesis"), effort=0.01)
-    with pytest.raises(UsageError, match=r"joint '\w+': no pose was found that the motors can hold"):
+    with pytest.raises(
+        UsageError, match=r"joint '\w+': no pose was found that the motors can hold"
+    ):
         excite(rig, rng=np.random.default_rng(0))
 
 
@@ -342,10 +388,14 @@ def test_a_motion_repeats_five_times_unless_its_periods_get_short(seconds: float
     assert count == 5 if seconds >= 20.0 else count == max(1, int(seconds / 4.0))
     series = Series.of(seconds, periods=count)
     assert series.seconds >= min(seconds, 4.0) * (1 - 1e-12)
-    assert seconds / series.seconds / count == pytest.approx(round(seconds / series.seconds / count), rel=1e-12)
+    assert seconds / series.seconds / count == pytest.approx(
+        round(seconds / series.seconds / count), rel=1e-12
+    )
 
 
-def test_the_default_motion_is_the_same_in_every_period_and_says_why(run: Run, tmp_path: Path) -> None:
+def test_the_default_motion_is_the_same_in_every_period_and_says_why(
+    run: Run, tmp_path: Path
+) -> None:
     path = tmp_path / "t.csv"
     found = result(run, "excite", "turret", "-o", path, "--starts", 1, "--rate", 100)
     q = read_motion(path, Rig.load("turret")).q
@@ -355,7 +405,9 @@ def test_the_default_motion_is_the_same_in_every_period_and_says_why(run: Run, t
         assert np.allclose(q[k * rows : (k + 1) * rows + 1], q[: rows + 1], atol=1e-9)
     said = run("excite", "turret", "-o", path, "--starts", 1, "--rate", 100)[1]
     assert "5 periods: what differs from one to the next is noise" in said
-    alone = run("excite", "turret", "-o", path, "--starts", 1, "--rate", 100, "--periods", 1, "--seconds", 5)[1]
+    alone = run(
+        "excite", "turret", "-o", path, "--starts", 1, "--rate", 100, "--periods", 1, "--seconds", 5
+    )[1]
     assert "too few repeats" in alone
 
 
@@ -364,7 +416,11 @@ def test_the_highest_harmonic_has_half_a_hertz(seconds: float) -> None:
     series = Series.of(seconds)
     shorter = Series(seconds, 3)
     fastest = series.harmonics / series.seconds
-    assert fastest >= 0.5 * (1 - 1e-12) and (fastest <= 0.6 or series.harmonics == 5) and series.seconds <= 20.0
+    assert (
+        fastest >= 0.5 * (1 - 1e-12)
+        and (fastest <= 0.6 or series.harmonics == 5)
+        and series.seconds <= 20.0
+    )
     assert seconds / series.seconds == pytest.approx(round(seconds / series.seconds), rel=1e-12)
     assert Series.of(10.0) == Series(10.0, 5) and Series.of(seconds, 3) == shorter
 
@@ -420,7 +476,9 @@ def test_yardstick_does_not_depend_on_what_is_mounted() -> None:
     rigs = [Rig.load("thesis", payload) for payload in ("none", "cinema", "infrared")]
     numbers = [ExcitationColumns.of(rig).compute_condition_number(motion) for rig in rigs]
     assert numbers == pytest.approx([numbers[0]] * 3, rel=1e-9)
-    stated = designed("thesis", 0).condition_number  # on another grid: thirty reversals fall between its samples
+    stated = designed(
+        "thesis", 0
+    ).condition_number  # on another grid: thirty reversals fall between its samples
     assert numbers[0] == pytest.approx(stated, rel=2e-3)
 
 
@@ -433,7 +491,9 @@ def test_columns_have_unit_torque_over_the_rigs_states(name: str) -> None:
 
 
 @given(seconds=st.floats(0.5, 100.0), harmonics=st.integers(2, 12), seed=st.integers(0, 1000))
-def test_every_series_in_the_rest_basis_ends_at_rest(seconds: float, harmonics: int, seed: int) -> None:
+def test_every_series_in_the_rest_basis_ends_at_rest(
+    seconds: float, harmonics: int, seed: int
+) -> None:
     series = Series(seconds, harmonics)
     assert series.rest.T @ series.rest == pytest.approx(np.eye(2 * harmonics - 1), abs=1e-12)
     coefficients = series.rest @ np.random.default_rng(seed).standard_normal((2 * harmonics - 1, 2))
@@ -468,7 +528,9 @@ def test_information_of_a_log_is_that_of_its_motion() -> None:
     rows = columns.scale_rows(motion).reshape(-1, rig.n, len(columns.scale))[:, 0] * moving[:, None]
     viscous = len(columns.places) + 1
     found = columns.compute_information([log])
-    assert found[viscous, viscous] == pytest.approx(0.005 * rows[:, viscous] @ rows[:, viscous], rel=0.03)
+    assert found[viscous, viscous] == pytest.approx(
+        0.005 * rows[:, viscous] @ rows[:, viscous], rel=0.03
+    )
     np.testing.assert_allclose(columns.compute_information([log, log]), 2 * found, rtol=1e-12)
 
 
@@ -555,18 +617,33 @@ def test_speed_target_is_reached_and_its_gradient_exact() -> None:
 
 def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
-    arguments = ["excite", "turret", "-o", str(tmp_path / "t.csv"), "--json", str(tmp_path / "j.json")]
+    arguments = [
+        "excite",
+        "turret",
+        "-o",
+        str(tmp_path / "t.csv"),
+        "--json",
+        str(tmp_path / "j.json"),
+    ]
     arguments += ["--starts", "30", "--seconds", "4", "--harmonics", "3"]
     command = [sys.executable, "-m", "gimbal_pin.cli", *arguments]
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0))  # a new terminal has no size
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=heard) as running:
+    fcntl.ioctl(
+        theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0)
+    )  # a new terminal has no size
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=heard
+    ) as running:
         shown = b""
         last = monotonic() + 120
         asked = False
-        while running.poll() is None and monotonic() < last:  # a terminal that nobody reads stops who writes to it
+        while (
+            running.poll() is None and monotonic() < last
+        ):  # a terminal that nobody reads stops who writes to it
             if select([ours], [], [], 0.1)[0]:
                 shown += os.read(ours, 1000)
-            if re.search(rb"excitation: +[1-9]", shown) and not asked:  # a bar may pass over one per cent
+            if (
+                re.search(rb"excitation: +[1-9]", shown) and not asked
+            ):  # a bar may pass over one per cent
                 running.send_signal(signal.SIGINT)
                 asked = True
         running.kill()
@@ -581,7 +658,9 @@ def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> Non
     assert len((tmp_path / "t.csv").read_text().splitlines()) == 4_002
 
 
-@pytest.mark.parametrize("name", sorted(name for name, kind in CAUSES.items() if not issubclass(kind, Effect)))
+@pytest.mark.parametrize(
+    "name", sorted(name for name, kind in CAUSES.items() if not issubclass(kind, Effect))
+)
 def test_a_cause_that_no_motion_is_designed_for_says_what_shows_it(name: str) -> None:
     """A drive, or a body: the refusal names the excitation that shows it, and who plants it."""
     kind = CAUSES[name]

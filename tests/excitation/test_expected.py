@@ -23,7 +23,9 @@ def thinned(motion: Motion, step: int) -> Motion:
 
 
 def expected(name: str, step: int = 5, **options: float) -> ExpectedEstimate:
-    return predict_estimate(nominal(Rig.load(name)), thinned(designed(name, 0).motion, step), rng=0, **options)
+    return predict_estimate(
+        nominal(Rig.load(name)), thinned(designed(name, 0).motion, step), rng=0, **options
+    )
 
 
 @pytest.mark.parametrize("name", ["thesis", "turret"])
@@ -43,7 +45,8 @@ def test_predicted_deviations_are_the_spread_of_what_is_identified(name: str) ->
         log = record_log(nominal(rig), moved, 0.01, rng)
         when = rng.normal(motion.t[1] / 2, LAG_DEVIATION, rig.n)
         acting = [
-            np.interp(motion.t + late, whole.t, x) - np.interp(motion.t, whole.t, x) for late, x in zip(when, tau.T)
+            np.interp(motion.t + late, whole.t, x) - np.interp(motion.t, whole.t, x)
+            for late, x in zip(when, tau.T)
         ]
         each = identify(rig, [replace(log, tau=log.tau + np.transpose(acting))], holdout="none")
         assert each.names == found.names
@@ -62,7 +65,8 @@ def test_twice_the_noise_is_twice_the_deviation() -> None:
     motors = [replace(motor, encoder_bits=None) for motor in rig.motors]
     exact = nominal(replace(rig, config=replace(rig.config, noise=noise), motors=tuple(motors)))
     once, twice = (
-        predict_estimate(exact, motion, torque_noise=share, form_error=0.0, rng=0).std for share in (5e-4, 1e-3)
+        predict_estimate(exact, motion, torque_noise=share, form_error=0.0, rng=0).std
+        for share in (5e-4, 1e-3)
     )
     assert twice == pytest.approx(2 * once, rel=0.05)
 
@@ -85,7 +89,9 @@ def test_what_a_model_misses_is_in_the_predicted_deviations(name: str) -> None:
             np.tanh(3 * (q - q.mean(axis=0))),
             np.sign(v) * np.exp(-((v / 0.2) ** 2)),
         )
-        missed = sum(rng.choice([-1, 1], rig.n) * part / np.std(part, axis=0) for part in parts) / np.sqrt(3)
+        missed = sum(
+            rng.choice([-1, 1], rig.n) * part / np.std(part, axis=0) for part in parts
+        ) / np.sqrt(3)
         each = identify(rig, [replace(log, tau=log.tau + 0.03 * size * missed)], holdout="none")
         errors.append((each.estimate.theta - found.values) / found.std)
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 2
@@ -112,7 +118,10 @@ def test_friction_that_nobody_states_is_told() -> None:
     bare = nominal(Rig.load("turret"))
     motion = thinned(designed("turret", 0).motion, 5)
     bare = replace(bare, terms=())
-    assert any("pan, tilt state no friction" in one for one in predict_estimate(bare, motion, rng=0).warnings)
+    assert any(
+        "pan, tilt state no friction" in one
+        for one in predict_estimate(bare, motion, rng=0).warnings
+    )
     log = record_log(nominal(bare.rig), motion, 0.05, np.random.default_rng(0))
     known = predict_estimate(identify(bare.rig, [log], holdout="none").model, motion, rng=0)
     assert not known.frictionless
@@ -145,18 +154,32 @@ def predict_swing(hz: float, rate: float) -> ExpectedEstimate:
 def test_a_rate_too_slow_for_the_motion_is_told() -> None:
     """Twice the rate leaves less than a fifth; what it leaves is told from the error of a model's form on."""
     slow, quick = (predict_swing(0.3, rate) for rate in (10, 20))
-    assert all(5 * quick.sampling[joint] < share for joint, share in slow.sampling.items()) and not quick.warnings
+    assert (
+        all(5 * quick.sampling[joint] < share for joint, share in slow.sampling.items())
+        and not quick.warnings
+    )
     (said,) = replace(slow, sampling={"pan": 0.02, "tilt": 0.004}).warnings
-    assert "10 samples per second are too few" in said and "2 % of pan's" in said and "tilt" not in said
+    assert (
+        "10 samples per second are too few" in said
+        and "2 % of pan's" in said
+        and "tilt" not in said
+    )
     assert any("leaves no trace" in one for one in predict_swing(1.5, 20).warnings)
     assert not predict_swing(1.5, 160).warnings
 
 
 def test_the_deviations_hold_a_lag_as_the_log_will_tell_it() -> None:
     """More noise leaves more of it open, and of the viscous friction that it looks like."""
-    quiet, loud = (expected("turret", 1, torque_noise=noise, form_error=0.0) for noise in (1e-3, 1e-1))
+    quiet, loud = (
+        expected("turret", 1, torque_noise=noise, form_error=0.0) for noise in (1e-3, 1e-1)
+    )
     assert all(quiet.lag_std[joint] < loud.lag_std[joint] < 2.5e-3 for joint in quiet.lag_std)
-    log = record_log(nominal(Rig.load("turret")), designed("turret", 0).sample(1000), 1e-1, np.random.default_rng(1))
+    log = record_log(
+        nominal(Rig.load("turret")),
+        designed("turret", 0).sample(1000),
+        1e-1,
+        np.random.default_rng(1),
+    )
     stated = identify(Rig.load("turret"), [replace(log, t=log.t)], holdout="none").model.estimated
     assert stated is not None
     np.testing.assert_allclose(list(loud.lag_std.values()), stated.lag_std, rtol=0.3)

@@ -72,7 +72,9 @@ def full(tmp_path_factory: pytest.TempPathFactory) -> Twin:
 @pytest.fixture(scope="module")
 def pid(tmp_path_factory: pytest.TempPathFactory) -> Twin:
     """A PID of a rig with two axes and no gyro between."""
-    return built(modelled(bundled("turret", "zoom-lens")), tmp_path_factory.mktemp("pid"), kind="pid")
+    return built(
+        modelled(bundled("turret", "zoom-lens")), tmp_path_factory.mktemp("pid"), kind="pid"
+    )
 
 
 # --- Equations -----------------------------------------------------------------------------------------------------
@@ -122,7 +124,11 @@ def test_a_term_is_the_causes_own_formula(name: str) -> None:
         columns = rng.normal(size=(6, rig.n))
         columns[3] = np.clip(columns[3], -1, 1)
         q, v, a, slide, tau, weight = columns[:, j].tolist()
-        right = 0.0 if term.effect.affine else float(term.torque(Sample(2.0, q, v, a, slide, tau, weight=weight)))
+        right = (
+            0.0
+            if term.effect.affine
+            else float(term.torque(Sample(2.0, q, v, a, slide, tau, weight=weight)))
+        )
         found = np.array(function(values or [0.0], 2.0, *columns)).ravel()
         assert found[j] == pytest.approx(right, rel=1e-12, abs=1e-15)
         assert not np.delete(found, j).any()
@@ -139,14 +145,21 @@ def test_the_laws_equations_are_pythons(full: Twin) -> None:
     torque = made.build_moving_torque()
     loops = list(zip(*law.outer.rows))
     robust = law.robust
-    redesign = np.ravel(robust.rows), robust.bounds.alpha, robust.bounds.inverse * robust.bounds.phi, robust.gain
+    redesign = (
+        np.ravel(robust.rows),
+        robust.bounds.alpha,
+        robust.bounds.inverse * robust.bounds.phi,
+        robust.gain,
+    )
     friction = law.friction.constant, law.friction.per_slide, law.friction.per_rate, made.values
     for _ in range(50):
         e, rate, integral, a, v = rng.normal(0, (0.1, 1, 0.01, 2, 0.1), (n, 5)).T
         base = rng.normal((0, 0, 9.81), 1), rng.normal(0, 0.5, 3), rng.normal(0, 5, 3)
         y = law.outer.feedback(e.tolist(), (integral + law.dt * e).tolist(), rate.tolist())
         right = y + np.array(law.robust.correction(integral + law.dt * e, e, rate, a, y))
-        found = feedback(law.dt, *loops, *redesign, np.zeros(n), np.zeros(n), e, rate, integral, a)[3]
+        found = feedback(law.dt, *loops, *redesign, np.zeros(n), np.zeros(n), e, rate, integral, a)[
+            3
+        ]
         assert np.array(found).ravel() == pytest.approx(right, rel=1e-9)
         right = law.at(0.5, Ahead(e, v, a, BaseState(*base)), y)
         found = torque(law.dt, *friction, 0.5, e, v, a, *base, y)
@@ -175,7 +188,11 @@ def test_the_levels_equation_is_pythons(full: Twin) -> None:
         assert np.abs(found - wanted.T @ memory.turn @ camera).max() < 1e-12
 
 
-SHAPES = ["dead-zone:tilt:width=0.1", "dead-zone:tilt:width=0.01,sharpness=3", "saturation:tilt:limit=2,knee=3"]
+SHAPES = [
+    "dead-zone:tilt:width=0.1",
+    "dead-zone:tilt:width=0.01,sharpness=3",
+    "saturation:tilt:limit=2,knee=3",
+]
 
 
 @pytest.mark.parametrize("cause", SHAPES)
@@ -195,12 +212,24 @@ def test_a_table_of_commands_is_as_close_as_it_says(cause: str) -> None:
 # --- Sources -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("which", "compiler"), [*zip(["full"] * len(COMPILERS), COMPILERS), ("pid", "gcc")])
-def test_it_compiles_without_a_warning(compiler: str, which: str, request: pytest.FixtureRequest) -> None:
+@pytest.mark.parametrize(
+    ("which", "compiler"), [*zip(["full"] * len(COMPILERS), COMPILERS), ("pid", "gcc")]
+)
+def test_it_compiles_without_a_warning(
+    compiler: str, which: str, request: pytest.FixtureRequest
+) -> None:
     if not has(compiler):
         pytest.skip(f"no {compiler}")
     tested: Twin = request.getfixturevalue(which)
-    compile_(tested.folder, COMPILERS[compiler], *STRICTER, "-O1", "-fsyntax-only", *sources(tested.folder), "main.c")
+    compile_(
+        tested.folder,
+        COMPILERS[compiler],
+        *STRICTER,
+        "-O1",
+        "-fsyntax-only",
+        *sources(tested.folder),
+        "main.c",
+    )
 
 
 # --- Torques -------------------------------------------------------------------------------------------------------
@@ -237,9 +266,13 @@ FAULTS = [
 
 @compiled_here
 @pytest.mark.parametrize("kind", ["computed-torque", "pid"])
-def test_a_continuous_joints_torque_does_not_jump_where_its_encoder_wraps(kind: str, tmp_path: Path) -> None:
+def test_a_continuous_joints_torque_does_not_jump_where_its_encoder_wraps(
+    kind: str, tmp_path: Path
+) -> None:
     """The error of a joint without stops is that of the shorter way round, in C and in Python; tilt has stops."""
-    text = bundled("turret").urdf.replace('name="pan" type="revolute"', 'name="pan" type="continuous"')
+    text = bundled("turret").urdf.replace(
+        'name="pan" type="revolute"', 'name="pan" type="continuous"'
+    )
     tested = built(nominal(spelled(text)), tmp_path, kind)
     assert tested.stored.model.rig.continuous == (True, False)
     v = np.array([1.0, 0.0])
@@ -250,16 +283,23 @@ def test_a_continuous_joints_torque_does_not_jump_where_its_encoder_wraps(kind: 
                 q = np.array([angle, 0.1])
                 goal = Reference(q + np.array([0.01, -0.01]), v, zero)
                 inside, wrapped = (
-                    law.torque(0.0, q + 2 * np.pi * np.array([k, 0]), v, goal, law.start())[0] for k in (0, turns)
+                    law.torque(0.0, q + 2 * np.pi * np.array([k, 0]), v, goal, law.start())[0]
+                    for k in (0, turns)
                 )
-                assert wrapped == pytest.approx(inside, abs=2e-3 * tested.stored.model.tau_max.max())
-        lost = law.torque(0.0, np.array([0.0, 2 * np.pi]), zero, Reference(zero, zero, zero), law.start())[0]
+                assert wrapped == pytest.approx(
+                    inside, abs=2e-3 * tested.stored.model.tau_max.max()
+                )
+        lost = law.torque(
+            0.0, np.array([0.0, 2 * np.pi]), zero, Reference(zero, zero, zero), law.start()
+        )[0]
         assert abs(lost[1]) > 0.9 * tested.stored.model.tau_max[1]
 
 
 @compiled_here
 @pytest.mark.parametrize("faults", FAULTS)
-def test_the_same_sensors_give_the_same_torques(plain: Twin, faults: tuple[SensorFault, ...]) -> None:
+def test_the_same_sensors_give_the_same_torques(
+    plain: Twin, faults: tuple[SensorFault, ...]
+) -> None:
     """Sample by sample from profile S with failing sensors, nothing fed back: what differs is rounding, integrated."""
     model = plain.stored.model
     side = Side(plain)
@@ -312,7 +352,9 @@ def test_a_base_that_is_not_level_is_leveled_alike(plain: Twin) -> None:
     sizes = []
     for k in range(1500):
         seen = resting(plain, rng, k)
-        seen = seen._replace(**{name: floats(getattr(seen, name)) for name in ("q", "gyro", "w", "links")})
+        seen = seen._replace(
+            **{name: floats(getattr(seen, name)) for name in ("q", "gyro", "w", "links")}
+        )
         seen = seen._replace(f=floats(attitude(0, 1e-3, -5e-4) @ seen.f))
         right, held = pointer.torque(seen, held)
         found, c = plain.compiled.torque(seen, c)
@@ -328,7 +370,9 @@ def test_one_sample_levels_alike(plain: Twin) -> None:
     library = plain.library
     sight = plain.pointer.navigator.sight
     for _ in range(50):
-        seen = resting(plain, rng, 0)._replace(f=rng.normal(0, 10, 3), q=rng.normal(0, 1, library.n))
+        seen = resting(plain, rng, 0)._replace(
+            f=rng.normal(0, 10, 3), q=rng.normal(0, 1, library.n)
+        )
         known = np.zeros(13, np.float32)
         sensors = single(0.0, *seen[1:])
         library.code.gimbal_attitudes_level(library.parameters, at(sensors), at(known))
@@ -351,13 +395,20 @@ def test_what_is_out_of_reach_is_refused_alike(plain: Twin) -> None:
         wanted = attitude(*rng.uniform(-np.pi, np.pi, 3))
         seen = resting(plain, rng, 0)
         camera = sight.attitude(seen.q)
-        refused = sight.obstacle(sight.reached(np.eye(3), wanted, sight.home), np.eye(3), wanted) is not None
-        turned, held = (CompiledPointer(library, replace(navigator, wanted=R)) for R in (wanted, camera))
+        refused = (
+            sight.obstacle(sight.reached(np.eye(3), wanted, sight.home), np.eye(3), wanted)
+            is not None
+        )
+        turned, held = (
+            CompiledPointer(library, replace(navigator, wanted=R)) for R in (wanted, camera)
+        )
         memories = [holder.start(seen, camera, np.eye(3)) for holder in (turned, held)]
         same = True
         for k in range(1, 30):
             seen = resting(plain, rng, k)
-            torques, memories = zip(*[holder.torque(seen, m) for holder, m in zip((turned, held), memories)])
+            torques, memories = zip(
+                *[holder.torque(seen, m) for holder, m in zip((turned, held), memories)]
+            )
             same = same and bool((torques[0] == torques[1]).all())
         assert same == refused
         outcomes.append(refused)
@@ -375,11 +426,15 @@ def test_hostile_sensors_never_give_a_torque_that_is_none(full: Twin) -> None:
         seen = Measurement(1e-3 * k, *(rng.normal(0, 0.1, size) for size in (n, 3, 3, 3, 3)))
         for name in ("q", "gyro", "w", "f", "links"):
             if rng.random() < 0.2:
-                getattr(seen, name)[rng.integers(3)] = rng.choice([nan, inf, -inf, 1e30, -3e38, 1e5, 1e-42])
+                getattr(seen, name)[rng.integers(3)] = rng.choice(
+                    [nan, inf, -inf, 1e30, -3e38, 1e5, 1e-42]
+                )
         tau, memory = c.torque(seen._replace(t=rng.choice([seen.t, 0.0, 1e6])), memory)
         assert (np.abs(tau) <= full.stored.model.tau_max * (1 + 1e-6)).all()
     still = np.zeros(n)
-    tau, _ = full.law.torque(0.0, np.full(n, nan), still, Reference(still, still, still), full.law.start())
+    tau, _ = full.law.torque(
+        0.0, np.full(n, nan), still, Reference(still, still, still), full.law.start()
+    )
     assert not tau.any()
 
 
@@ -387,7 +442,9 @@ def resting(twin: Twin, rng: np.random.Generator, k: int) -> Measurement:
     """A sample of a gimbal that looks where it shall, on a base that stands."""
     links = 3 * len(twin.pointer.navigator.sight.moved)
     q, gyro, w, more = (1e-4 * rng.standard_normal(size) for size in (twin.library.n, 3, 3, links))
-    return Measurement(1e-3 * k, q, gyro, w, np.array([0.0, 0.0, 9.81]) + 1e-3 * rng.standard_normal(3), more)
+    return Measurement(
+        1e-3 * k, q, gyro, w, np.array([0.0, 0.0, 9.81]) + 1e-3 * rng.standard_normal(3), more
+    )
 
 
 @compiled_here
@@ -454,17 +511,25 @@ def controller(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_export_writes_sources_that_say_what_they_cost(run: Run, controller: Path, tmp_path: Path) -> None:
+def test_export_writes_sources_that_say_what_they_cost(
+    run: Run, controller: Path, tmp_path: Path
+) -> None:
     found = result(run, "export", controller, "--c", tmp_path / "out")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {*found["files"], "run.json"}
     readme = (tmp_path / "out" / "README.md").read_text()
-    assert str(found["memory_bytes"]) in readme and str(found["operations"]["moving_torque"]) in readme
+    assert (
+        str(found["memory_bytes"]) in readme and str(found["operations"]["moving_torque"]) in readme
+    )
     assert found["difference_from_pinocchio"] < 1e-12
 
 
-def test_export_refuses_what_is_no_controller_of_the_rig(run: Run, controller: Path, tmp_path: Path) -> None:
+def test_export_refuses_what_is_no_controller_of_the_rig(
+    run: Run, controller: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
-    refused(run("export", controller, "--c", out, "--rig", "thesis"), 2, "is for the joints pan, tilt")
+    refused(
+        run("export", controller, "--c", out, "--rig", "thesis"), 2, "is for the joints pan, tilt"
+    )
     (tmp_path / "model.yaml").write_text("rig: turret\n")
     refused(run("export", tmp_path / "model.yaml", "--c", out), 2, "holds no controller")
     text = controller.read_text()
@@ -482,7 +547,9 @@ def test_a_library_of_another_rig_or_none_is_refused(pid: Twin, tmp_path: Path) 
     (tmp_path / "text.so").write_text("no library")
     with pytest.raises(ModelError, match="cannot be loaded"):
         Library.load(tmp_path / "text.so", bundled("turret"))
-    (tmp_path / "other.c").write_text("int nothing(void);\nint nothing(void)\n{\n    return 0;\n}\n")
+    (tmp_path / "other.c").write_text(
+        "int nothing(void);\nint nothing(void)\n{\n    return 0;\n}\n"
+    )
     compile_(tmp_path, COMPILERS["gcc"], "-fPIC", "-shared", "-o", "other.so", "other.c")
     with pytest.raises(ModelError, match="holds no controller"):
         Library.load(tmp_path / "other.so", bundled("turret"))
@@ -491,11 +558,24 @@ def test_a_library_of_another_rig_or_none_is_refused(pid: Twin, tmp_path: Path) 
 @compiled_here
 def test_the_compiled_controller_runs_beside_pythons(run: Run, pid: Twin, tmp_path: Path) -> None:
     """A PID has no feed-forward that chatters: on the same seed both logs agree but for rounding."""
-    write_yaml(tune(nominal(bundled("turret", "zoom-lens")), kind="pid").to_dict(), tmp_path / "pid.yaml")
+    write_yaml(
+        tune(nominal(bundled("turret", "zoom-lens")), kind="pid").to_dict(), tmp_path / "pid.yaml"
+    )
     logs = []
     for index, law in enumerate((pid.library.path, tmp_path / "pid.yaml")):
         path = tmp_path / f"{index}.csv"
-        words = ("--payload", "zoom-lens", "--controller", law, "--seconds", 0.3, "--encoder-bits", 40, "-o", path)
+        words = (
+            "--payload",
+            "zoom-lens",
+            "--controller",
+            law,
+            "--seconds",
+            0.3,
+            "--encoder-bits",
+            40,
+            "-o",
+            path,
+        )
         code, _, err = run("simulate", "turret", *words)
         assert code == 0, err
         logs.append(np.genfromtxt(path, delimiter=",", names=True))

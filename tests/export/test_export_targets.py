@@ -62,14 +62,20 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Twin:
 
 
 @pytest.mark.skipif(which("g++") is None, reason="no C++ compiler")
-def test_the_plugin_gives_the_torques_of_the_c_controller(run: Run, turret: Path, tmp_path: Path) -> None:
+def test_the_plugin_gives_the_torques_of_the_c_controller(
+    run: Run, turret: Path, tmp_path: Path
+) -> None:
     """Compiled as C++17 against stubs of the published interface, and called as a controller manager calls it."""
     out = tmp_path / "ros2"
     result(run, "export", turret, "--ros2", out)
     c = [name for name in sources(out) if name != "gimbal_about.c"]
     compile_(out, COMPILERS["gcc"], "-O1", "-c", *c)
     strict = ["g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-pedantic", "-I.", f"-I{STUBS}"]
-    own = ["gimbal_ros2_controller.cpp", str(STUBS / "run.cpp"), *(name.replace(".c", ".o") for name in c)]
+    own = [
+        "gimbal_ros2_controller.cpp",
+        str(STUBS / "run.cpp"),
+        *(name.replace(".c", ".o") for name in c),
+    ]
     subprocess.run([*strict, "-o", "run", *own, "-lm"], cwd=out, check=True)
     done = subprocess.run([out / "run"], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -89,10 +95,17 @@ def test_the_plugin_gives_the_torques_of_the_c_controller(run: Run, turret: Path
     np.testing.assert_allclose(loaded.phi, bundled("turret").phi, atol=1e-9)
     package = ElementTree.parse(out / "package.xml").getroot()
     plugin = ElementTree.parse(out / "gimbal_plugin.xml").getroot()
-    told = yaml.safe_load((out / "controllers.yaml").read_text())["controller_manager"]["ros__parameters"]
-    assert plugin[0].get("name") == told["gimbal_controller"]["type"] == f"{package.findtext('name')}/GimbalController"
+    told = yaml.safe_load((out / "controllers.yaml").read_text())["controller_manager"][
+        "ros__parameters"
+    ]
     assert (
-        told["update_rate"] == 1000 and f"project({package.findtext('name')} " in (out / "CMakeLists.txt").read_text()
+        plugin[0].get("name")
+        == told["gimbal_controller"]["type"]
+        == f"{package.findtext('name')}/GimbalController"
+    )
+    assert (
+        told["update_rate"] == 1000
+        and f"project({package.findtext('name')} " in (out / "CMakeLists.txt").read_text()
     )
 
 
@@ -109,10 +122,25 @@ def test_the_table_of_a_drive_is_the_models_torque(language: str, tmp_path: Path
     program = '#include "gimbal_feed_forward.h"\nfloat torque(int j, float q, float v);\n'
     body = "float torque(int j, float q, float v)\n{\n    return gimbal_feed_torque(j, q, v);\n}\n"
     head = 'extern "C" {\n' + program + "}\n" if language == "c++" else program
-    (tmp_path / f"table.{language}").write_text(head.replace("extern", "#include <math.h>\nextern", 1) + body)
+    (tmp_path / f"table.{language}").write_text(
+        head.replace("extern", "#include <math.h>\nextern", 1) + body
+    )
     flags = ["-std=c99"] if language == "c" else ["-std=c++17"]
-    command = ["gcc", "-x", language, *flags, "-Wall", "-Wextra", "-Werror", "-pedantic", "-fPIC", "-shared"]
-    subprocess.run([*command, "-o", "table.so", f"table.{language}", "-lm"], cwd=tmp_path, check=True)
+    command = [
+        "gcc",
+        "-x",
+        language,
+        *flags,
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-pedantic",
+        "-fPIC",
+        "-shared",
+    ]
+    subprocess.run(
+        [*command, "-o", "table.so", f"table.{language}", "-lm"], cwd=tmp_path, check=True
+    )
     torque = ctypes.CDLL(str(tmp_path / "table.so")).torque
     torque.argtypes = [ctypes.c_int, ctypes.c_float, ctypes.c_float]
     torque.restype = ctypes.c_float
@@ -120,7 +148,9 @@ def test_the_table_of_a_drive_is_the_models_torque(language: str, tmp_path: Path
     for q in np.random.default_rng(0).uniform(-20, 20, 300).tolist():
         for v in (0.0, 0.5, -0.5):
             sample = Sample(0.0, q, v, 0.0, float(np.sign(v)), 0.0)
-            assert torque(0, q, v) == pytest.approx(sum(float(term.torque(sample)) for term in terms), abs=1e-3)
+            assert torque(0, q, v) == pytest.approx(
+                sum(float(term.torque(sample)) for term in terms), abs=1e-3
+            )
     assert torque(0, float("nan"), 0.0) == torque(0, 0.0, float("inf")) == 0.0
 
 
@@ -145,8 +175,12 @@ def test_a_geared_motor_has_no_map_over_its_turn(run: Run, turret: Path, tmp_pat
     words = ("export", turret, "--rig", tmp_path / "geared.yaml", "--odrive", tmp_path / "map.json")
     refused(run(*words), 2, "geared by 5")
     refused(run("export", turret), 2, "--ros2")
-    result(run, "export", turret, "--odrive", tmp_path / "map.json", "--simplefoc", tmp_path / "foc")
-    assert len(json.loads((tmp_path / "map.json").read_text())["axes"]["pan"]["cogging_map"]) == BINS
+    result(
+        run, "export", turret, "--odrive", tmp_path / "map.json", "--simplefoc", tmp_path / "foc"
+    )
+    assert (
+        len(json.loads((tmp_path / "map.json").read_text())["axes"]["pan"]["cogging_map"]) == BINS
+    )
 
 
 # --- The link ------------------------------------------------------------------------------------------------------
@@ -240,7 +274,10 @@ def moved(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Log:
     path = tmp_path_factory.mktemp("log") / "log.csv"
     motion = fourier(rig, 0, 8.0, twin.law.dt)
     sensors = Sensors.of(rig, twin.law.dt, torque_std=0.02)
-    write_log(simulate(nominal(rig), twin.law, motion, rng=np.random.default_rng(0), sensors=sensors), path)
+    write_log(
+        simulate(nominal(rig), twin.law, motion, rng=np.random.default_rng(0), sensors=sensors),
+        path,
+    )
     return read_log(path, rig)
 
 
@@ -253,7 +290,9 @@ def test_a_running_gimbal_is_identified(run: Run, twin: Twin, moved: Log, tmp_pa
     t = np.concatenate([log.t for log in heard])
     kept = np.setdiff1d(np.arange(len(moved)), np.arange(49, len(moved), 50))
     np.testing.assert_allclose(t, np.round(moved.t[kept], 6), atol=1e-9)
-    np.testing.assert_allclose(np.concatenate([log.tau for log in heard]), moved.tau[kept], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        np.concatenate([log.tau for log in heard]), moved.tau[kept], rtol=1e-6, atol=1e-9
+    )
     device = Device(twin, moved)
     path = tmp_path / "found.json"
     with device.running() as address:
@@ -261,7 +300,9 @@ def test_a_running_gimbal_is_identified(run: Run, twin: Twin, moved: Log, tmp_pa
     assert code == 0, err
     whole = result(run, "identify", "turret", moved.name)["base_parameters"]
     for row, right in zip(json.loads(path.read_text())["base_parameters"], whole, strict=True):
-        assert row["name"] == right["name"] and abs(row["value"] - right["value"]) < 4 * right["std"], row
+        assert (
+            row["name"] == right["name"] and abs(row["value"] - right["value"]) < 4 * right["std"]
+        ), row
 
 
 @compiled_here
@@ -294,7 +335,9 @@ def sent(datagrams: list[bytes]) -> list[Log]:
 
         thread = threading.Thread(target=answer)
         thread.start()
-        heard = list(follow(f"udp://127.0.0.1:{gimbal.getsockname()[1]}", bundled("turret"), idle=0.3))
+        heard = list(
+            follow(f"udp://127.0.0.1:{gimbal.getsockname()[1]}", bundled("turret"), idle=0.3)
+        )
         thread.join()
     return heard
 
@@ -302,7 +345,9 @@ def sent(datagrams: list[bytes]) -> list[Log]:
 def sample(k: int, lost: int = 0, stamp: int | None = None, values: float | None = None) -> bytes:
     """The frame of a sample at k hundredths of a second, or at another stamp, µs."""
     numbers = [0.001 * k, 0.002 * k, 0.1, 0.2, 0.01 * k, 0.0] if values is None else [values] * 6
-    return encode_frame(Frame(LOG, k, struct.pack("<QI6f", 10_000 * k if stamp is None else stamp, lost, *numbers)))
+    return encode_frame(
+        Frame(LOG, k, struct.pack("<QI6f", 10_000 * k if stamp is None else stamp, lost, *numbers))
+    )
 
 
 def angles(logs: list[Log]) -> list[int]:
@@ -312,7 +357,9 @@ def angles(logs: list[Log]) -> list[int]:
 
 @pytest.mark.parametrize("block", [2, 7, 20])
 def test_samples_that_overtake_each_other_stand_in_order(block: int) -> None:
-    order = [k for first in range(0, 60, block) for k in reversed(range(first, min(first + block, 60)))]
+    order = [
+        k for first in range(0, 60, block) for k in reversed(range(first, min(first + block, 60)))
+    ]
     heard = sent([sample(k) for k in (*order, 10, 59)])
     assert angles(heard) == list(range(60)) and not [event for log in heard for event in log.events]
 
@@ -328,7 +375,9 @@ def test_a_far_stamp_that_nothing_continues_is_left_out(stamp: int, count: int) 
     assert angles(sent([*far, *map(sample, first)])) == [*first]
 
 
-@pytest.mark.parametrize("restart", [0, 10**9, 1_700_000_000_000_000], ids=["restart", "later", "clock set"])
+@pytest.mark.parametrize(
+    "restart", [0, 10**9, 1_700_000_000_000_000], ids=["restart", "later", "clock set"]
+)
 def test_a_gimbal_that_restarts_begins_a_trajectory_of_its_own(restart: int) -> None:
     """Its samples follow those before after 1 s, whatever its clock says, and a note names the time."""
     first = range(200, 250)
@@ -343,11 +392,18 @@ def test_a_gimbal_that_restarts_begins_a_trajectory_of_its_own(restart: int) -> 
 
 
 @pytest.mark.parametrize(
-    ("lost", "values"), [(1, None), (0b11111, None), (0b11111, np.nan), (0, np.nan)], ids=["q", "all", "nan", "x"]
+    ("lost", "values"),
+    [(1, None), (0b11111, None), (0b11111, np.nan), (0, np.nan)],
+    ids=["q", "all", "nan", "x"],
 )
 def test_samples_without_encoders_are_left_out_and_said(lost: int, values: float | None) -> None:
     """Without its gyros alone the angles are still measured: those samples stay."""
-    heard = sent([sample(k, lost if 20 <= k < 30 else 0, values=values if 20 <= k < 30 else None) for k in range(60)])
+    heard = sent(
+        [
+            sample(k, lost if 20 <= k < 30 else 0, values=values if 20 <= k < 30 else None)
+            for k in range(60)
+        ]
+    )
     assert angles(heard) == [*range(20), *range(30, 60)]
     (said,) = [event for log in heard for event in log.events if "encoders" in event]
     assert said.startswith("0.2 s: udp://127.0.0.1:")
@@ -366,7 +422,9 @@ def test_a_pipe_without_an_end_of_a_line_is_refused(run: Run) -> None:
         refused(run("identify", "turret", f"/dev/fd/{zeros.fileno()}", "--follow"), 2, "is binary")
 
 
-@pytest.mark.parametrize("address", ["udp://127.0.0.1", "udp://:1", "udp://h:99999", "serial:/dev/null", "udp:x@1"])
+@pytest.mark.parametrize(
+    "address", ["udp://127.0.0.1", "udp://:1", "udp://h:99999", "serial:/dev/null", "udp:x@1"]
+)
 def test_what_is_no_address_is_refused(address: str) -> None:
     with pytest.raises(UsageError, match="udp://HOST:PORT"), open_link(address):
         pass
@@ -374,7 +432,10 @@ def test_what_is_no_address_is_refused(address: str) -> None:
 
 def test_a_gimbal_that_is_not_there_is_told(run: Run, turret: Path, tmp_path: Path) -> None:
     pytest.importorskip("serial")
-    with pytest.raises(LogError, match="cannot be reached"), open_link(f"serial:{tmp_path}/none@115200"):
+    with (
+        pytest.raises(LogError, match="cannot be reached"),
+        open_link(f"serial:{tmp_path}/none@115200"),
+    ):
         pass
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

@@ -66,7 +66,9 @@ def test_an_actuator_gives_what_the_drive_gives() -> None:
     model = modelled(replace(rig, motors=motors), WRITTEN)
     engine = mujoco.MjModel.from_xml_string(convert_to_mjcf(model)[0])
     data = mujoco.MjData(engine)
-    assert engine.actuator_dynprm[0, 0] == 0.004 and [engine.actuator(k).name for k in range(2)] == list(rig.joints)
+    assert engine.actuator_dynprm[0, 0] == 0.004 and [
+        engine.actuator(k).name for k in range(2)
+    ] == list(rig.joints)
     for command, acting in ((0.1, (0.1, 0.1)), (1e3, (model.tau_max[0], 0.5))):
         data.act[:] = command / 5
         data.ctrl[:] = command
@@ -101,7 +103,9 @@ def test_export_writes_the_model_inside_a_controller(run: Run, tmp_path: Path) -
     rig = bundled("turret")
     out = tmp_path / "turret.xml"
     write_yaml(tune(modelled(rig, UNWRITTEN)).to_dict(), tmp_path / "controller.yaml")
-    assert len(result(run, "export", tmp_path / "controller.yaml", "--mjcf", out)["notes"]) == len(UNWRITTEN)
+    assert len(result(run, "export", tmp_path / "controller.yaml", "--mjcf", out)["notes"]) == len(
+        UNWRITTEN
+    )
     again = Rig.load(out)
     assert again.joints == rig.joints
     np.testing.assert_allclose(again.phi, rig.phi, atol=1e-9)

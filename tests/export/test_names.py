@@ -54,7 +54,11 @@ def write_rig(folder: Path, names: tuple[str, ...], stem: str = "rig") -> Path:
 
 def list_code(path: Path) -> str:
     """Return a file of C or C++ without comments and string literals."""
-    compiler = ["gcc", "-x", "c", "-std=c99"] if path.suffix in (".c", ".h") else ["g++", "-x", "c++", "-std=c++17"]
+    compiler = (
+        ["gcc", "-x", "c", "-std=c99"]
+        if path.suffix in (".c", ".h")
+        else ["g++", "-x", "c++", "-std=c++17"]
+    )
     text = subprocess.run(
         [*compiler, "-trigraphs", "-fpreprocessed", "-dD", "-E", "-P", str(path)],
         capture_output=True,
@@ -72,7 +76,16 @@ def test_no_part_of_a_name_is_code_in_what_export_writes(run: Run, tmp_path: Pat
     tune(nominal(rig)).save(tmp_path / "c.yaml")
     out = {kind: tmp_path / kind for kind in ("c", "ros2", "simplefoc")}
     options = [part for kind, folder in out.items() for part in (f"--{kind}", folder)]
-    result(run, "export", tmp_path / "c.yaml", *options, "--odrive", tmp_path / "o.json", "--mjcf", tmp_path / "m.xml")
+    result(
+        run,
+        "export",
+        tmp_path / "c.yaml",
+        *options,
+        "--odrive",
+        tmp_path / "o.json",
+        "--mjcf",
+        tmp_path / "m.xml",
+    )
     for folder in out.values():
         for path in folder.iterdir():
             if path.suffix in (".c", ".h", ".ino", ".cpp", ".hpp"):
@@ -85,7 +98,10 @@ def test_no_part_of_a_name_is_code_in_what_export_writes(run: Run, tmp_path: Pat
     subprocess.run([*check, *sources], cwd=out["c"], capture_output=True, check=True)
     given = yaml.safe_load((out["ros2"] / "controllers.yaml").read_text("utf-8"))
     parameters = given["gimbal_controller"]["ros__parameters"]
-    assert parameters["camera_imu"] == f"{NAMES[4]}_imu" and parameters["base_imu"] == f"{NAMES[2]}_imu"
+    assert (
+        parameters["camera_imu"] == f"{NAMES[4]}_imu"
+        and parameters["base_imu"] == f"{NAMES[2]}_imu"
+    )
     interfaces = etree.parse(out["ros2"] / "gimbal.urdf").findall("ros2_control/joint")
     assert [joint.get("name") for joint in interfaces] == list(NAMES[:2])
     assert list(json.loads((tmp_path / "o.json").read_text("utf-8"))["axes"]) == list(NAMES[:2])
@@ -103,7 +119,9 @@ def test_a_header_for_simplefoc_holds_no_code_of_a_name(joint: str, tmp_path: Pa
         rig = Rig.load(write_rig(tmp_path, (name, "tilt", *NAMES[2:]), stem))
         for file, text in simplefoc(nominal(rig)).items():
             (tmp_path / file).write_text(text, encoding="utf-8")
-        codes.append([list_code(tmp_path / f"gimbal_feed_forward.{suffix}") for suffix in ("h", "ino")])
+        codes.append(
+            [list_code(tmp_path / f"gimbal_feed_forward.{suffix}") for suffix in ("h", "ino")]
+        )
     assert codes[0] == codes[1]
 
 
@@ -129,7 +147,9 @@ def test_logs_models_and_pages_keep_a_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize("place", ["joint", "link", "rig", "payload"])
 def test_a_name_of_other_characters_is_refused_once(name: str, place: str, tmp_path: Path) -> None:
     """Line ends, control characters, marks of direction, spaces at an end, and more than 64 characters."""
-    spelled = name.replace("\n", "&#10;").replace("\t", "&#9;") if place in ("joint", "link") else name
+    spelled = (
+        name.replace("\n", "&#10;").replace("\t", "&#9;") if place in ("joint", "link") else name
+    )
     joint, link, stem = (spelled if place == kind else kind for kind in ("joint", "link", "rig"))
     text = (
         f'<robot name="x"><link name="base"/>{BODY.format(link, 1)}<joint name="{joint}" type="continuous">'

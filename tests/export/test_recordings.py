@@ -31,7 +31,9 @@ def turret() -> Rig:
 @pytest.fixture(scope="module")
 def toothed(turret: Rig) -> tuple[Model, Log]:
     """A gimbal with teeth, and its log without noise."""
-    model = plant_with(nominal(turret), [parse_effect("cogging:pan:amplitude=0.05,harmonic=7", turret)]).plant
+    model = plant_with(
+        nominal(turret), [parse_effect("cogging:pan:amplitude=0.05,harmonic=7", turret)]
+    ).plant
     return model, prescribed(model, 3, 8.0, dt=4e-3)
 
 
@@ -68,7 +70,9 @@ def read_mcap(path: Path) -> dict[str, list[object]]:
     return out
 
 
-def test_mcaps_own_reader_finds_the_numbers(turret: Rig, traces: tuple[TorqueTrace, ...], tmp_path: Path) -> None:
+def test_mcaps_own_reader_finds_the_numbers(
+    turret: Rig, traces: tuple[TorqueTrace, ...], tmp_path: Path
+) -> None:
     write_mcap(turret, traces[:1], tmp_path / "one.mcap")
     (trace, _) = traces
     found = read_mcap(tmp_path / "one.mcap")
@@ -76,14 +80,25 @@ def test_mcaps_own_reader_finds_the_numbers(turret: Rig, traces: tuple[TorqueTra
     assert [said.data for _, said in found["/robot_description"]] == [turret.urdf]
     for kind in KINDS:
         assert all(said.name == list(trace.joints) for _, said in found[f"/{kind}"])
-        stamps = [said.header.stamp.sec * 10**9 + said.header.stamp.nanosec for _, said in found[f"/{kind}"]]
+        stamps = [
+            said.header.stamp.sec * 10**9 + said.header.stamp.nanosec
+            for _, said in found[f"/{kind}"]
+        ]
         assert stamps == [at for at, _ in found[f"/{kind}"]]
         np.testing.assert_allclose(1e-9 * np.array(stamps), trace.t, atol=1e-9)
-        for field, values in (("position", trace.q), ("velocity", trace.v), ("effort", getattr(trace, kind))):
-            np.testing.assert_array_equal([getattr(said, field) for _, said in found[f"/{kind}"]], values)
+        for field, values in (
+            ("position", trace.q),
+            ("velocity", trace.v),
+            ("effort", getattr(trace, kind)),
+        ):
+            np.testing.assert_array_equal(
+                [getattr(said, field) for _, said in found[f"/{kind}"]], values
+            )
         assert np.array_equal(trace.torques[kind], getattr(trace, kind))
     write_mcap(turret, traces, tmp_path / "two.mcap")
-    assert {f"/log_{k}/{kind}" for k in (1, 2) for kind in KINDS} <= set(read_mcap(tmp_path / "two.mcap"))
+    assert {f"/log_{k}/{kind}" for k in (1, 2) for kind in KINDS} <= set(
+        read_mcap(tmp_path / "two.mcap")
+    )
 
 
 def read_rrd(path: Path) -> dict[str, Any]:
@@ -116,14 +131,19 @@ def test_reruns_own_reader_finds_the_numbers_and_the_poses(
             stamps = 1e-9 * np.array(batch["time"].cast("int64"))
             np.testing.assert_allclose(stamps, trace.t, atol=2e-9)
         np.testing.assert_array_equal(
-            np.concatenate(found[f"/angle/{joint}"]["Scalars:scalars"].to_numpy(False)), trace.q[:, j]
+            np.concatenate(found[f"/angle/{joint}"]["Scalars:scalars"].to_numpy(False)),
+            trace.q[:, j],
         )
         moved = found[f"/joint/{joint}"]
         assert moved["Transform3D:child_frame"].to_pylist()[0] == [turret.links[j]]
         for k in (0, 700):
             pin.forwardKinematics(model, data, trace.q[k])
-            turn = pin.Quaternion(np.array(moved["Transform3D:quaternion"][k].as_py()[0])).toRotationMatrix()
-            np.testing.assert_allclose(turn, data.liMi[j + 1].rotation, atol=1e-6)  # single precision
+            turn = pin.Quaternion(
+                np.array(moved["Transform3D:quaternion"][k].as_py()[0])
+            ).toRotationMatrix()
+            np.testing.assert_allclose(
+                turn, data.liMi[j + 1].rotation, atol=1e-6
+            )  # single precision
             place = moved["Transform3D:translation"][k].as_py()[0]
             np.testing.assert_allclose(place, data.liMi[j + 1].translation, atol=1e-6)
     assert any(entity.endswith("base_flange") for entity in found)
@@ -141,10 +161,15 @@ def test_a_verb_records_the_log_with_what_is_left(
     log = tmp_path / "log.csv"
     out = tmp_path / "out.mcap"
     write_log(toothed[1], log)
-    monkeypatch.setattr("gimbal_pin.diagnosis.diagnose", partial(diagnose, causes={"cogging": Cogging}))
+    monkeypatch.setattr(
+        "gimbal_pin.diagnosis.diagnose", partial(diagnose, causes={"cogging": Cogging})
+    )
     assert run(verb, "turret", log, "--mcap", out, "--alignment", "0")[0] == 0
     mapped = [f"{column}=/{{}}.{column}" for column in ("q_pan", "q_tilt", "tau_pan", "tau_tilt")]
-    again = {kind: read_log(out, toothed[0].rig, [entry.format(kind) for entry in mapped]) for kind in KINDS}
+    again = {
+        kind: read_log(out, toothed[0].rig, [entry.format(kind) for entry in mapped])
+        for kind in KINDS
+    }
     left = again["residual"].tau
     np.testing.assert_allclose(again["measured"].tau - again["model"].tau, left, atol=1e-12)
     assert np.sqrt(np.mean(left**2)) < 0.3 * np.sqrt(np.mean(again["measured"].tau ** 2))

@@ -34,18 +34,24 @@ class LastFirst(Executor):
         return future
 
 
-def compute(folder: Path | None = None, count: int = 40, log: str = "", **options: Any) -> pd.DataFrame:
+def compute(
+    folder: Path | None = None, count: int = 40, log: str = "", **options: Any
+) -> pd.DataFrame:
     units = [(k, log) for k in range(count)]
     with ThreadPoolExecutor(2) as pool:
         return map_units(stub.square, units, **{"executor": pool, "folder": folder, **options})
 
 
-def test_each_unit_is_a_row_in_the_units_order_and_a_failed_one_holds_its_error(tmp_path: Path) -> None:
+def test_each_unit_is_a_row_in_the_units_order_and_a_failed_one_holds_its_error(
+    tmp_path: Path,
+) -> None:
     rows = compute(tmp_path)
     good = rows["error"].isna()
     assert rows["unit"].tolist() == list(range(40))
     assert rows["square"][good].tolist() == [k**2.0 for k in range(40) if k % 10 != 7]
-    assert rows["error"][~good].tolist() == [f"ValueError: {k} ends with a seven" for k in (7, 17, 27, 37)]
+    assert rows["error"][~good].tolist() == [
+        f"ValueError: {k} ends with a seven" for k in (7, 17, 27, 37)
+    ]
     pd.testing.assert_frame_equal(rows, pd.read_parquet(tmp_path / "results.parquet"))
 
 
@@ -69,7 +75,11 @@ def test_rows_that_are_there_are_not_computed_again(tmp_path: Path) -> None:
 
 def test_a_folder_of_other_settings_or_files_is_refused(tmp_path: Path) -> None:
     compute(tmp_path / "out", settings={"seed": 1})
-    for count, seed, words in ((40, 2, "other seed"), (41, 1, "other units"), (41, 2, "other seed, units")):
+    for count, seed, words in (
+        (40, 2, "other seed"),
+        (41, 1, "other units"),
+        (41, 2, "other seed, units"),
+    ):
         with pytest.raises(UsageError, match=words):
             compute(tmp_path / "out", count, settings={"seed": seed})
     with pytest.raises(UsageError, match="holds out, which is of no run"):
@@ -121,7 +131,9 @@ def test_a_cluster_computes_the_same_table() -> None:
     from distributed import LocalCluster
 
     with (
-        LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster,
+        LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+        ) as cluster,
         open_executor(scheduler=cluster.scheduler_address) as pool,
     ):
         pd.testing.assert_frame_equal(compute(), compute(executor=pool), check_exact=True)

@@ -17,13 +17,24 @@ import pytest
 from gimbal_pin import Log, Rig, compare_fleet, nominal, write_log
 from gimbal_pin.dynamics import Model, plant_with
 from gimbal_pin.effects import parse_effect
-from gimbal_pin.fleet import DeviationKind, Fleet, Reason, Vary, Verdict, draw_rigs, make_variation, read_manifest
+from gimbal_pin.fleet import (
+    DeviationKind,
+    Fleet,
+    Reason,
+    Vary,
+    Verdict,
+    draw_rigs,
+    make_variation,
+    read_manifest,
+)
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused, result
 from tests.rigs import chain
 
 MONTHS = ("2026-03-01", "2026-04-01", "2026-05-01", "2026-06-01")
-TOLERANCES = Vary(inertials=("normal", 0.0, 0.02), friction=("normal", 0.0, 0.1), payload={"mass": 0.0})
+TOLERANCES = Vary(
+    inertials=("normal", 0.0, 0.02), friction=("normal", 0.0, 0.1), payload={"mass": 0.0}
+)
 """Differences between units of one build."""
 
 
@@ -35,11 +46,22 @@ def record() -> Callable[..., None]:
     rigs = draw_rigs(variation.inputs, 30)
     motion = fourier(rig, 1, 6.5, dt=2.5e-3)
 
-    def write(file: Path, unit: int, seed: int = 0, mass: float = 0.0, joint: str = "", viscous: float = 1.0) -> None:
+    def write(
+        file: Path,
+        unit: int,
+        seed: int = 0,
+        mass: float = 0.0,
+        joint: str = "",
+        viscous: float = 1.0,
+    ) -> None:
         values = variation.choose_values(rigs[unit].probabilities)
         plant = stiffen(variation.make_body({**values, "payload.mass": mass}), joint, viscous)
         tau = plant.inverse(motion.q, motion.v, motion.a)
-        noise = 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * np.random.default_rng([unit, seed]).standard_normal(tau.shape)
+        noise = (
+            0.01
+            * np.sqrt(np.mean(tau**2, axis=0))
+            * np.random.default_rng([unit, seed]).standard_normal(tau.shape)
+        )
         write_log(Log(file.stem, rig.joints, motion.t, motion.q, motion.v, tau + noise), file)
 
     return write
@@ -103,11 +125,20 @@ def test_odd_units_are_named_with_parameter_and_time(fleet: Fleet) -> None:
     assert set(found["thick"]) == {"tilt.Fv"} and set(found["worn"]) == {"pan.Fv"}
     thick = found["thick"]["tilt.Fv"]
     worn = found["worn"]["pan.Fv"]
-    assert abs(thick.shift - 2 * 0.008) < 0.006 and (thick.kind, thick.since) == (DeviationKind.OFFSET, None)
+    assert abs(thick.shift - 2 * 0.008) < 0.006 and (thick.kind, thick.since) == (
+        DeviationKind.OFFSET,
+        None,
+    )
     assert {"head_mount.mx", "head_mount.mz"} <= set(found["heavy"])
-    assert worn.kind is not DeviationKind.OFFSET and worn.shift > 0.006 and worn.since in (None, *MONTHS[1:])
+    assert (
+        worn.kind is not DeviationKind.OFFSET
+        and worn.shift > 0.006
+        and worn.since in (None, *MONTHS[1:])
+    )
     assert fleet.units[-1].verdict is Verdict.PASS and fleet.failed == 1
-    assert next(one for one in fleet.units if one.unit == "broken").errors[0].startswith("broken.csv:")
+    assert (
+        next(one for one in fleet.units if one.unit == "broken").errors[0].startswith("broken.csv:")
+    )
     population = fleet.population
     assert abs(population["mean"]["tilt.Fs"] - 0.04) < 4 * population["mean_std"]["tilt.Fs"]
     assert repr(fleet).startswith("Fleet(rig='turret'") and len(fleet.table) == 15
@@ -130,13 +161,21 @@ def test_one_log_is_compared_with_an_earlier_fleet(
     record(tmp_path / "001.csv", 21, joint="pan", viscous=3.0)
     call = ["fleet", tmp_path, "--rig", "turret", "--quick", "--workers", 1]
     found = result(run, *call, "--reference", results, "-o", tmp_path / "out")
-    assert {one["unit"]: one["verdict"] for one in found["units"]} == {"good": "pass", "001": "fail"}
+    assert {one["unit"]: one["verdict"] for one in found["units"]} == {
+        "good": "pass",
+        "001": "fail",
+    }
     assert [own["parameter"] for own in found["units"][0]["deviations"]] == ["pan.Fv"]
     (tmp_path / "001.csv").unlink()
     call += ["-o", tmp_path / "new"]
     refused(run(*call), 2, "has the logs of one unit", "--reference")
     refused(run(*call, "--reference", tmp_path), 2, "--reference", "is no result of a fleet")
-    refused(run(*call, "--payload", "zoom-lens", "--reference", results), 2, "has the payload infrared", "zoom-lens")
+    refused(
+        run(*call, "--payload", "zoom-lens", "--reference", results),
+        2,
+        "has the payload infrared",
+        "zoom-lens",
+    )
 
 
 def write_cogging(file: Path, rig: Rig, seed: int, amplitude: float = 0.0) -> None:
@@ -154,7 +193,10 @@ def test_a_cause_of_one_unit_alone_fails_it_since_its_first_log_with_it(tmp_path
     logs = [("A", 0, 0.0), ("B", 0, 0.0), ("C", 0, 0.0), ("C", 1, 0.03)]
     for k, (_, _, amplitude) in enumerate(logs):
         write_cogging(tmp_path / f"{k}.csv", rig, k, amplitude)
-    entries = [{"log": f"{k}.csv", "unit": unit, "time": MONTHS[month]} for k, (unit, month, _) in enumerate(logs)]
+    entries = [
+        {"log": f"{k}.csv", "unit": unit, "time": MONTHS[month]}
+        for k, (unit, month, _) in enumerate(logs)
+    ]
     (tmp_path / "manifest.yaml").write_text(json.dumps({"logs": entries}))
     found = compare(tmp_path, rig=rig)
     assert Reason.OWN_CAUSE in list_verdicts(found)["C"][1]
@@ -184,9 +226,13 @@ def test_a_failure_of_the_program_is_a_retest(
 
 
 @pytest.mark.parametrize("inertia", [1e-3, 0.01])
-def test_a_stated_rotor_inertia_is_a_known_part_of_every_unit(tmp_path: Path, inertia: float) -> None:
+def test_a_stated_rotor_inertia_is_a_known_part_of_every_unit(
+    tmp_path: Path, inertia: float
+) -> None:
     """The inertia of the joint without the rotor is estimated, as `identify` does."""
-    (tmp_path / "rotor.yaml").write_text(f"urdf: turret\nmotors:\n  pan: {{rotor_inertia: {inertia}}}\n")
+    (tmp_path / "rotor.yaml").write_text(
+        f"urdf: turret\nmotors:\n  pan: {{rotor_inertia: {inertia}}}\n"
+    )
     rig = Rig.load(tmp_path / "rotor.yaml")
     variation = make_variation(nominal(rig), TOLERANCES)
     motion = fourier(rig, 1, 6.5, dt=5e-3)
@@ -212,20 +258,34 @@ def test_blanks_at_the_ends_of_a_units_name_make_no_other_unit(
 ) -> None:
     for k in range(3):
         (tmp_path / f"{k}.csv").touch()
-    stated = {"rig": "turret", "logs": [{"log": f"{k}.csv", "unit": name} for k, name in enumerate(names)]}
+    stated = {
+        "rig": "turret",
+        "logs": [{"log": f"{k}.csv", "unit": name} for k, name in enumerate(names)],
+    }
     (tmp_path / "manifest.yaml").write_text(json.dumps(stated))
     assert len({log.unit for log in read_manifest(tmp_path).logs}) == units
 
 
 @pytest.mark.parametrize("names", [("U0", "u0"), ("unit a", "Unit A "), ("É", "é")])
-def test_units_that_differ_by_letter_case_alone_are_refused(run: Run, tmp_path: Path, names: tuple[str, str]) -> None:
+def test_units_that_differ_by_letter_case_alone_are_refused(
+    run: Run, tmp_path: Path, names: tuple[str, str]
+) -> None:
     """Whether a manifest or files name them."""
     for name in names:
         (tmp_path / f"{name}.csv").touch()
-    refused(run("fleet", tmp_path, "--rig", "turret", "-o", tmp_path / "out"), 2, *(name.strip() for name in names))
+    refused(
+        run("fleet", tmp_path, "--rig", "turret", "-o", tmp_path / "out"),
+        2,
+        *(name.strip() for name in names),
+    )
     stated = {"rig": "turret", "logs": [{"log": f"{name}.csv", "unit": name} for name in names]}
     (tmp_path / "manifest.yaml").write_text(json.dumps(stated))
-    refused(run("fleet", tmp_path, "-o", tmp_path / "out"), 2, "logs[1]", *(name.strip() for name in names))
+    refused(
+        run("fleet", tmp_path, "-o", tmp_path / "out"),
+        2,
+        "logs[1]",
+        *(name.strip() for name in names),
+    )
 
 
 def test_manifests_in_yaml_parquet_and_csv_are_one(folder: Path, tmp_path: Path) -> None:
@@ -268,7 +328,9 @@ B = {"log": "b.csv"}
         ({"logs": [A, B], "cutoff": -1}, "cutoff: is -1"),
     ],
 )
-def test_a_bad_manifest_is_one_line(run: Run, tmp_path: Path, stated: dict[str, Any], place: str) -> None:
+def test_a_bad_manifest_is_one_line(
+    run: Run, tmp_path: Path, stated: dict[str, Any], place: str
+) -> None:
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).touch()
     (tmp_path / "manifest.yaml").write_text(json.dumps(stated))

@@ -34,7 +34,9 @@ def rig() -> Rig:
 def study(rig: Rig, count: int = 8, vary: Vary = LATE, **options: Any) -> MonteCarlo:
     """Simulate the step and little more in this process."""
     with ThreadPoolExecutor(1) as pool:
-        return monte_carlo(rig, **{"count": count, "vary": vary, "seconds": 0.65, "executor": pool, **options})
+        return monte_carlo(
+            rig, **{"count": count, "vary": vary, "seconds": 0.65, "executor": pool, **options}
+        )
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +49,12 @@ def test_without_variation_every_rig_is_the_nominal_one(rig: Rig) -> None:
     model = nominal(rig)
     for draw, row in zip(draw_rigs((), 2), found.table.to_dict("records")):
         noise = np.random.default_rng([draw.seed, 2])
-        step = track(model, {"own": tune(model).controller}, rng=noise, seconds=0.65, one_by_one=False).experiments[0]
-        assert [row[f"rms_error_{joint}"] for joint in rig.joints] == [own.rms_error for own in step.joints.values()]
+        step = track(
+            model, {"own": tune(model).controller}, rng=noise, seconds=0.65, one_by_one=False
+        ).experiments[0]
+        assert [row[f"rms_error_{joint}"] for joint in rig.joints] == [
+            own.rms_error for own in step.joints.values()
+        ]
     assert found.inputs == () and found.failed == 0 and found.sensitivity.empty
 
 
@@ -79,7 +85,9 @@ def test_parallel_is_serial_to_the_bit(rig: Rig, late: MonteCarlo, processes: Ex
     pd.testing.assert_frame_equal(late.table, other.table, check_exact=True)
 
 
-def test_the_yield_is_the_share_with_wilsons_interval(rig: Rig, late: MonteCarlo, tmp_path: Path) -> None:
+def test_the_yield_is_the_share_with_wilsons_interval(
+    rig: Rig, late: MonteCarlo, tmp_path: Path
+) -> None:
     errors = np.sort(late.table["rms_error"])
     bound = degrees(float(errors[5] + errors[6]) / 2)
     folder = tmp_path / "out"
@@ -89,7 +97,9 @@ def test_the_yield_is_the_share_with_wilsons_interval(rig: Rig, late: MonteCarlo
     middle = share + z**2 / 16
     half = z * sqrt(share * (1 - share) / 8 + z**2 / 4 / 8**2)
     assert found.yield_ is not None and (found.yield_.value, found.yield_.of) == (share, 8)
-    assert np.allclose([found.yield_.low, found.yield_.high], (middle + np.array([-half, half])) / (1 + z**2 / 8))
+    assert np.allclose(
+        [found.yield_.low, found.yield_.high], (middle + np.array([-half, half])) / (1 + z**2 / 8)
+    )
     none = study(rig, spec=[f"rms_error < {bound!r}", "peak_torque < 1e-6"], folder=folder)
     assert none.yield_ is not None and none.yield_.value == 0.0
     assert found.figures["worst"]["rms_error"] == errors[-1]
@@ -107,7 +117,9 @@ def test_a_rig_that_cannot_exist_is_a_row_with_its_inputs_and_its_error(rig: Rig
 
 
 def test_parameters_are_drawn_from_the_covariance(rig: Rig) -> None:
-    model = identify(rig, [prescribed(nominal(rig), seconds=10.0, torque_noise=0.02)], holdout="none").model
+    model = identify(
+        rig, [prescribed(nominal(rig), seconds=10.0, torque_noise=0.02)], holdout="none"
+    ).model
     variation = make_variation(model, Vary())
     assert variation.estimated is not None
     covariance = variation.estimated.covariance
@@ -130,19 +142,55 @@ def test_a_platform_and_planted_causes_from_the_command_line(run: Run, tmp_path:
     vary.write_text(
         "effects:\n  cogging:pan: {amplitude: [uniform, 0.01, 0.05], harmonic: 14}\npayload: {x: [normal, 0, 1]}"
     )
-    call = ["montecarlo", "turret", "--count", 2, "--seconds", 4.6, "--platform", "S", "--vary", vary, "-o", out]
+    call = [
+        "montecarlo",
+        "turret",
+        "--count",
+        2,
+        "--seconds",
+        4.6,
+        "--platform",
+        "S",
+        "--vary",
+        vary,
+        "-o",
+        out,
+    ]
     call += ["--spec", "jitter < 1", "--workers", 1]
     found = result(run, *call)
-    assert (found["rig"], found["count"], found["failed"], found["yield"]["value"]) == ("turret", 2, 0, 1.0)
+    assert (found["rig"], found["count"], found["failed"], found["yield"]["value"]) == (
+        "turret",
+        2,
+        0,
+        1.0,
+    )
     assert {own["input"] for own in found["sensitivity"]} == {"cogging:pan.amplitude", "payload.x"}
-    assert found["figures"]["drift"]["median"] is None and "jitter" in (out / "report.html").read_text()
+    assert (
+        found["figures"]["drift"]["median"] is None
+        and "jitter" in (out / "report.html").read_text()
+    )
     table = pd.read_parquet(out / "results.parquet")
     assert table["cogging:pan.amplitude"].between(0.01, 0.05).all() and table["jitter"].gt(0).all()
 
 
-@pytest.mark.parametrize(("seconds", "spec"), [(0.6, "jitter < 1"), (4.5, "peak_torque < 1"), (6.9, "drift < 1")])
-def test_a_run_too_short_for_its_figure_is_refused(run: Run, tmp_path: Path, seconds: float, spec: str) -> None:
-    call = ["montecarlo", "turret", "--count", 1, "--platform", "S", "--seconds", seconds, "--spec", spec]
+@pytest.mark.parametrize(
+    ("seconds", "spec"), [(0.6, "jitter < 1"), (4.5, "peak_torque < 1"), (6.9, "drift < 1")]
+)
+def test_a_run_too_short_for_its_figure_is_refused(
+    run: Run, tmp_path: Path, seconds: float, spec: str
+) -> None:
+    call = [
+        "montecarlo",
+        "turret",
+        "--count",
+        1,
+        "--platform",
+        "S",
+        "--seconds",
+        seconds,
+        "--spec",
+        spec,
+    ]
     refused(run(*call, "-o", tmp_path / "out"), 2, "--seconds", f"{seconds:g} s")
 
 
@@ -160,10 +208,14 @@ def test_a_run_too_short_for_its_figure_is_refused(run: Run, tmp_path: Path, sec
         ("[1, 2]", "is not a table"),
     ],
 )
-def test_a_bad_file_of_variations_is_one_line(run: Run, tmp_path: Path, vary: str, place: str) -> None:
+def test_a_bad_file_of_variations_is_one_line(
+    run: Run, tmp_path: Path, vary: str, place: str
+) -> None:
     path = tmp_path / "vary.yaml"
     path.write_text(vary)
-    refused(run("montecarlo", "turret", "--count", 2, "--vary", path, "-o", tmp_path / "out"), 2, place)
+    refused(
+        run("montecarlo", "turret", "--count", 2, "--vary", path, "-o", tmp_path / "out"), 2, place
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -186,7 +238,11 @@ def test_sobol_needs_a_power_of_two_and_something_that_varies(run: Run, tmp_path
     call = ["montecarlo", "turret", "--sobol", "-o", tmp_path / "out"]
     refused(run(*call, "--count", 3), 2, "--count: is 3", "give 2 or 4")
     (tmp_path / "vary.yaml").write_text("delay: 0")
-    refused(run(*call, "--count", 4, "--vary", tmp_path / "vary.yaml"), 2, "--sobol: has nothing that varies")
+    refused(
+        run(*call, "--count", 4, "--vary", tmp_path / "vary.yaml"),
+        2,
+        "--sobol: has nothing that varies",
+    )
 
 
 def test_a_missing_package_and_a_folder_of_other_files_are_one_line(
@@ -197,14 +253,22 @@ def test_a_missing_package_and_a_folder_of_other_files_are_one_line(
     refused(run(*call, tmp_path), 2, "holds report.html, which is of no run")
     assert (tmp_path / "report.html").read_text() == "mine"
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    refused(run(*call, tmp_path / "out"), 2, "pyarrow, which is not installed; pip install gimbal-pin[fleet]")
+    refused(
+        run(*call, tmp_path / "out"),
+        2,
+        "pyarrow, which is not installed; pip install gimbal-pin[fleet]",
+    )
 
 
 def test_a_joint_that_slides_has_millimetres_and_no_share_in_the_angles() -> None:
     joint = '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><axis xyz="0 0 1"/>{4}</joint>'
     limit = '<limit lower="-1" upper="1" effort="90" velocity="9"/>'
-    joints = joint.format("turn", "revolute", "base", "a", limit) + joint.format("slide", "prismatic", "a", "b", limit)
-    rig = spelled(f'<robot name="mixed"><link name="base"/>{BODY.format("a", 2)}{BODY.format("b", 1)}{joints}</robot>')
+    joints = joint.format("turn", "revolute", "base", "a", limit) + joint.format(
+        "slide", "prismatic", "a", "b", limit
+    )
+    rig = spelled(
+        f'<robot name="mixed"><link name="base"/>{BODY.format("a", 2)}{BODY.format("b", 1)}{joints}</robot>'
+    )
     found = study(rig, 1, NOTHING)
     assert (found.units["rms_error_turn"], found.units["rms_error_slide"]) == ("°", "mm")
     assert "rms_error" not in found.table and found.figures["worst"]["overshoot_percent"] >= 0

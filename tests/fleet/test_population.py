@@ -15,7 +15,9 @@ from gimbal_pin.fleet import Comparison, DeviationKind, compare_units
 NAMES = tuple(f"parameter {k}" for k in range(6))
 
 
-def draw_fleet(seed: int, units: int, logs: int = 1, repeat: float = 0.0, error: float = 0.3) -> dict[str, Any]:
+def draw_fleet(
+    seed: int, units: int, logs: int = 1, repeat: float = 0.0, error: float = 0.3
+) -> dict[str, Any]:
     """A fleet of spread 1 in every parameter, as `compare` takes it."""
     rng = np.random.default_rng(seed)
     own = np.repeat(rng.normal(size=(units, len(NAMES))), logs, axis=0)
@@ -54,7 +56,10 @@ def test_the_mean_and_the_spread_are_covered() -> None:
         fleet = draw_fleet(seed, 20, error=1.0)
         fleet["stds"] = np.random.default_rng(1000 + seed).uniform(0.2, 1.5, fleet["stds"].shape)
         rng = np.random.default_rng(2000 + seed)
-        fleet["values"] = rng.normal(size=fleet["stds"].shape) + rng.normal(size=fleet["stds"].shape) * fleet["stds"]
+        fleet["values"] = (
+            rng.normal(size=fleet["stds"].shape)
+            + rng.normal(size=fleet["stds"].shape) * fleet["stds"]
+        )
         population = compare(fleet, false_alarms=1e-9).population
         inside += int((population["mean"].abs() < t.ppf(0.975, 19) * population["mean_std"]).sum())
         spreads.append(population["spread"] ** 2)
@@ -76,8 +81,12 @@ def test_neither_units_of_measure_nor_order_matter() -> None:
     one = compare(fleet)
     two = compare(other)
     assert list_deviations(one) == list_deviations(two) != set()
-    np.testing.assert_allclose(two.population["mean"] / scale - 5, one.population["mean"], atol=1e-9)
-    np.testing.assert_allclose(two.population["spread"], one.population["spread"] * scale, rtol=1e-6)
+    np.testing.assert_allclose(
+        two.population["mean"] / scale - 5, one.population["mean"], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        two.population["spread"], one.population["spread"] * scale, rtol=1e-6
+    )
 
 
 def test_units_that_are_off_are_named_and_no_others() -> None:
@@ -88,14 +97,23 @@ def test_units_that_are_off_are_named_and_no_others() -> None:
     found = {(own.unit, own.parameter): own for own in compare(fleet).deviations}
     assert planted.keys() <= found.keys() and len(found) <= len(planted) + 2
     for key, shift in planted.items():
-        assert found[key].kind is DeviationKind.OFFSET and found[key].shift == pytest.approx(shift, abs=3.5)
+        assert found[key].kind is DeviationKind.OFFSET and found[key].shift == pytest.approx(
+            shift, abs=3.5
+        )
         assert found[key].score == found[key].shift / found[key].shift_std
 
 
-@pytest.mark.parametrize(("units", "logs", "fleets"), [(4, 1, 40), (8, 1, 30), (8, 3, 20), (60, 1, 4)])
+@pytest.mark.parametrize(
+    ("units", "logs", "fleets"), [(4, 1, 40), (8, 1, 30), (8, 3, 20), (60, 1, 4)]
+)
 def test_false_alarms_are_at_most_at_the_stated_rate(units: int, logs: int, fleets: int) -> None:
     found = [
-        {own.unit for own in compare(draw_fleet(seed, units, logs, repeat=0.2), false_alarms=0.02).deviations}
+        {
+            own.unit
+            for own in compare(
+                draw_fleet(seed, units, logs, repeat=0.2), false_alarms=0.02
+            ).deviations
+        }
         for seed in range(fleets)
     ]
     assert sum(map(len, found)) <= binom.ppf(0.999, units * fleets, 0.02)
@@ -139,8 +157,16 @@ def test_two_odd_units_do_not_hide_each_other() -> None:
     values = np.random.default_rng(10).normal(scale=1e-4, size=(11, len(NAMES)))
     values[7, 0] += 2.5e-3
     values[-1, 0] += 6e-3
-    fleet = {"values": values, "stds": np.full(values.shape, 3e-6), "units": units, "times": np.arange(11.0)}
-    assert list_deviations(compare(fleet)) == {("unit 7", NAMES[0], "offset"), ("changed", NAMES[0], "step")}
+    fleet = {
+        "values": values,
+        "stds": np.full(values.shape, 3e-6),
+        "units": units,
+        "times": np.arange(11.0),
+    }
+    assert list_deviations(compare(fleet)) == {
+        ("unit 7", NAMES[0], "offset"),
+        ("changed", NAMES[0], "step"),
+    }
 
 
 def test_a_single_unit_has_nothing_to_be_compared_with() -> None:

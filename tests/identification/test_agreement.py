@@ -53,7 +53,9 @@ def test_logs_of_one_rig_agree_as_often_as_chance_has_it(rig: Rig) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_friction_that_falls_everywhere_drifts(rig: Rig, seed: int) -> None:
     shares = [1.0, 0.8, 0.6]
-    models = [nominal(replace(rig, friction=rig.friction * np.array([1.0, share]))) for share in shares]
+    models = [
+        nominal(replace(rig, friction=rig.friction * np.array([1.0, share]))) for share in shares
+    ]
     found = compare(rig, record(models, seed))
     assert {one.name for one in found.drifting} <= {"pan.Fv", "tilt.Fv"}
     drifting = next(one for one in found.drifting if one.name == "tilt.Fv")

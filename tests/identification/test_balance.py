@@ -27,7 +27,9 @@ RIGS = ("thesis", "handheld", "turret")
 @cache
 def found(name: str, shift: tuple[float, ...] = ()) -> Identified:
     rig = Rig.load(name)
-    log = prescribed(slid(rig, np.array(shift or (0.0, 0.0, 0.0))), 1, seconds=14.0, torque_noise=0.01, dt=0.004)
+    log = prescribed(
+        slid(rig, np.array(shift or (0.0, 0.0, 0.0))), 1, seconds=14.0, torque_noise=0.01, dt=0.004
+    )
     return identify(rig, [log], filtering=Filtering(alignment=0.0))
 
 
@@ -48,7 +50,9 @@ def test_slid_as_it_says_gravity_takes_what_it_says(name: str) -> None:
     said = told(name)
     load = compute_gravity_load(slid(rig, said.way).rig)
     for joint, torque in zip(rig.joints, load):
-        assert torque == pytest.approx(said.after[joint], abs=0.02 * max(said.before.values()) + 1e-9)
+        assert torque == pytest.approx(
+            said.after[joint], abs=0.02 * max(said.before.values()) + 1e-9
+        )
     best = total(rig, said.way)
     for axis in np.eye(3):
         shown = np.abs(said.way) > 0
@@ -72,7 +76,9 @@ def test_a_camera_that_was_moved_is_to_be_moved_back(name: str) -> None:
     after = told(name, moved)
     shown = np.abs(before.way) > 0
     std = np.hypot(before.std, after.std)[shown]
-    np.testing.assert_array_less(np.abs(after.way - before.way + np.array(moved))[shown], 4 * std + 1e-6)
+    np.testing.assert_array_less(
+        np.abs(after.way - before.way + np.array(moved))[shown], 4 * std + 1e-6
+    )
     assert list(shown) == ([True, False, True] if name == "turret" else [True, True, True])
 
 
@@ -89,7 +95,9 @@ def test_the_json_holds_millimetres_and_nothing_where_nothing_is_mounted() -> No
     row = compare_payload(found("turret")).to_dict()["balance"]
     np.testing.assert_allclose(row["slide_mm"], 1e3 * told("turret").way)
     assert row["slide_mm"][1] == 0.0
-    np.testing.assert_allclose(row["moment_kg_mm"], np.array(row["slide_mm"]) * row["stated_mass"] / 1e3)
+    np.testing.assert_allclose(
+        row["moment_kg_mm"], np.array(row["slide_mm"]) * row["stated_mass"] / 1e3
+    )
     rig = Rig.load("turret", "none")
     log = prescribed(nominal(rig), 1, seconds=14.0, dt=0.004)
     assert compare_payload(identify(rig, [log], filtering=Filtering(alignment=0.0))).balance is None
@@ -99,7 +107,10 @@ def test_one_sentence_alone_says_how_to_slide_the_payload() -> None:
     """The comparison with the URDF says where it sits: to slide it there is another way than to balance it."""
     one = found("turret", (0.02, 0.0, 0.0))
     said = show_parameters(one, compare_payload(one)).to_text()
-    assert re.search(r"against its URDF \(± 95 %\)\n  the payload sits (20|19\.9)\S* ± \S+ mm further forward", said)
+    assert re.search(
+        r"against its URDF \(± 95 %\)\n  the payload sits (20|19\.9)\S* ± \S+ mm further forward",
+        said,
+    )
     assert len(re.findall("slide", said)) == 1 and "to balance the payload, slide it" in said
 
 
@@ -124,7 +135,9 @@ def test_twice_the_mass_is_slid_half_as_far(mass: float) -> None:
     """Joint torques show mass times way: with a mass that was weighed beside the URDF's the way alone changes."""
     stated = told("turret")
     weighed = compare_payload(found("turret"), mass).balance
-    assert weighed is not None and weighed.mass == pytest.approx(mass) and weighed.source == "weighed"
+    assert (
+        weighed is not None and weighed.mass == pytest.approx(mass) and weighed.source == "weighed"
+    )
     np.testing.assert_allclose(mass * weighed.way, stated.mass * stated.way, rtol=1e-9, atol=1e-12)
     assert stated.source == "stated" and "half as far if it weighs twice that" in stated.how()
     assert "that were weighed" in weighed.how() and "proportion" not in weighed.how()

@@ -25,16 +25,20 @@ def disturb(rig: Rig, share: float, joints: slice = slice(None)) -> Log:
     rng = np.random.default_rng(3)
     tau = np.array(log.tau)
     waves = np.sin(
-        2 * np.pi * np.multiply.outer(log.t, rng.uniform(0.3, 2.5, (40, rig.n))) + rng.uniform(0, 6, (40, rig.n))
+        2 * np.pi * np.multiply.outer(log.t, rng.uniform(0.3, 2.5, (40, rig.n)))
+        + rng.uniform(0, 6, (40, rig.n))
     ).sum(axis=1)
-    tau[:, joints] += (share * np.sqrt(np.mean(tau**2, axis=0)) * waves / waves.std(axis=0))[:, joints]
+    tau[:, joints] += (share * np.sqrt(np.mean(tau**2, axis=0)) * waves / waves.std(axis=0))[
+        :, joints
+    ]
     return replace(log, tau=tau)
 
 
 def mentions_base(rig: Rig, log: Log) -> bool:
     """Whether the IMU of the base is asked for."""
     return any(
-        f"gyro_{rig.base}_x" in said for said in identify(rig, [log], filtering=EXACT, examined="noisy").warnings
+        f"gyro_{rig.base}_x" in said
+        for said in identify(rig, [log], filtering=EXACT, examined="noisy").warnings
     )
 
 
@@ -63,8 +67,12 @@ def shake_base(rig: Rig, acceleration: float) -> Log:
     sideways = prescribed(nominal(replace(rig, model=model)), seconds=16.0, dt=4e-3)
     sideways_torque = sideways.tau - prescribed(nominal(rig), seconds=16.0, dt=4e-3).tau
     rng = np.random.default_rng(4)
-    waves = np.sin(2 * np.pi * np.outer(log.t, rng.uniform(0.3, 2.5, 40)) + rng.uniform(0, 6, 40)).sum(axis=1)
-    return replace(log, tau=log.tau + acceleration * sideways_torque * (waves / waves.std())[:, None])
+    waves = np.sin(
+        2 * np.pi * np.outer(log.t, rng.uniform(0.3, 2.5, 40)) + rng.uniform(0, 6, 40)
+    ).sum(axis=1)
+    return replace(
+        log, tau=log.tau + acceleration * sideways_torque * (waves / waves.std())[:, None]
+    )
 
 
 @pytest.mark.parametrize("acceleration", [3.0, 5.0])

@@ -65,7 +65,10 @@ def oracle(mixing: Array, rows: Array, target: Array) -> float:
     phi = cp.Variable(mixing.shape[1])
     free = cp.Variable(rows.shape[1] - len(mixing) + 1)
     parts = cp.reshape(phi, (10, mixing.shape[1] // 10), order="F")
-    exist = [sum(parts[k, i] * PSEUDO_INERTIA_BASIS[k] for k in range(10)) >> 0 for i in range(mixing.shape[1] // 10)]
+    exist = [
+        sum(parts[k, i] * PSEUDO_INERTIA_BASIS[k] for k in range(10)) >> 0
+        for i in range(mixing.shape[1] // 10)
+    ]
     theta = cp.hstack([mixing @ phi, free[:-1]])
     problem = cp.Problem(cp.Minimize(cp.norm(rows @ theta - target)), [*exist, free >= 0])
     return float(problem.solve(solver=cp.CLARABEL))
@@ -121,7 +124,9 @@ def posed(rig: Rig, seed: int) -> tuple[DesignBlocks, Array, Array]:
     factors = factor_rows(blocks)
     count = count_effective_rows(blocks)
     scale = weigh_joints(compute_residual_power(factors, fit_physical(blocks).theta, count))
-    stack = build_program(factors, factor_wide_states(blocks.design, factors.shape[2] - 1), scale, count)
+    stack = build_program(
+        factors, factor_wide_states(blocks.design, factors.shape[2] - 1), scale, count
+    )
     return blocks, stack, stack[: factors.shape[0] * factors.shape[1]]
 
 
@@ -139,7 +144,9 @@ def test_the_data_are_fitted_and_not_an_estimate_moved() -> None:
     assert found.phi is not None and is_physical(found.phi)
     assert cost(found.theta) == pytest.approx(oracle(mixing, stack[:, :-1], stack[:, -1]), rel=1e-5)
     width = len(mixing)
-    moved = find_nearest_bodies(rig.phi, mixing, free.theta[:width], free.covariance[:width, :width])
+    moved = find_nearest_bodies(
+        rig.phi, mixing, free.theta[:width], free.covariance[:width, :width]
+    )
     assert moved.distance > 0.1, "the log is not loud enough to be a test"
     braking = np.maximum(free.theta[width:], 0.0)
     assert cost(found.theta) <= cost(np.concatenate([mixing @ moved.phi, braking])) * (1 + 1e-9)
@@ -152,13 +159,18 @@ def test_the_constraint_never_leads_away_from_the_truth(name: str, seed: int) ->
     blocks, stack, data = posed(rig, seed)
     truth = true_theta(rig)
     free = np.linalg.lstsq(data[:, :-1], data[:, -1], rcond=None)[0]
-    ours, theirs = (np.linalg.norm(stack[:, :-1] @ (theta - truth)) for theta in (fit_physical(blocks).theta, free))
+    ours, theirs = (
+        np.linalg.norm(stack[:, :-1] @ (theta - truth))
+        for theta in (fit_physical(blocks).theta, free)
+    )
     assert ours <= theirs * (1 + 1e-6)
     U = np.linalg.qr(data[:, :-1], mode="r")
     held = stack[len(data) :]
     times = np.linalg.svd(held[:, :-1] @ np.linalg.inv(U), compute_uv=False) ** 2
     assert 0 < times.max() <= 30.0 * (1 + 1e-6)
-    np.testing.assert_allclose(held[:, :-1] @ free, held[:, -1], atol=1e-6 * np.abs(held[:, -1]).max())
+    np.testing.assert_allclose(
+        held[:, :-1] @ free, held[:, -1], atol=1e-6 * np.abs(held[:, -1]).max()
+    )
 
 
 def test_what_no_log_shows_is_held_by_nothing() -> None:
@@ -182,7 +194,9 @@ def test_what_is_written_loads_everywhere() -> None:
     rig = Rig.load("thesis")
     found = identify(rig, [loud(rig, 1)], estimator=fit_physical, holdout="none", filtering=EXACT)
     assert found.physical and max(found.torque_change.values()) == 0.0
-    least = min(np.linalg.eigvalsh(pseudo_inertia(body))[0] for body in found.consistent.phi.reshape(-1, 10))
+    least = min(
+        np.linalg.eigvalsh(pseudo_inertia(body))[0] for body in found.consistent.phi.reshape(-1, 10)
+    )
     assert 0 < least < 1e-5, "the bodies are not on the edge"
     text = found.to_urdf()
     assert taken_by_all(text, rig.n) and np.allclose(found.model.rig.phi, found.consistent.phi)
@@ -205,10 +219,15 @@ def test_bodies_that_are_hardly_told_apart_stay_near_the_urdf(seed: int) -> None
 
 
 @pytest.mark.parametrize(("beta", "variance"), [(np.nan, 1.0), (np.inf, 1.0), (0.0, np.nan)])
-def test_what_is_beyond_all_bodies_is_an_error_that_names_the_units(beta: float, variance: float) -> None:
+def test_what_is_beyond_all_bodies_is_an_error_that_names_the_units(
+    beta: float, variance: float
+) -> None:
     """An estimate that is no number any more, as of a log in other units, ends in one line and not in a traceback."""
     phi = Rig.load("turret").phi
     one = np.eye(len(phi))
     assert find_nearest_bodies(phi, one, phi, one).distance < 1e-3
-    with np.errstate(all="ignore"), pytest.raises(DataError, match="that can exist; look at the units of t, q and tau"):
+    with (
+        np.errstate(all="ignore"),
+        pytest.raises(DataError, match="that can exist; look at the units of t, q and tau"),
+    ):
         find_nearest_bodies(phi, one, np.full(len(phi), beta), variance * one)

@@ -68,11 +68,15 @@ def heaviest(rig: Rig, blocks: DesignBlocks) -> tuple[Array, Array]:
     """Base parameters that move a fifth of some joint's torque, and the truth."""
     truth = given_beta(rig, blocks.design.reduction)
     A, b = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("A", "b"))
-    share = np.sqrt(np.mean(A[:, :, : len(truth)] ** 2, axis=0) / np.mean(b**2, axis=0)[:, None]) * np.abs(truth)
+    share = np.sqrt(
+        np.mean(A[:, :, : len(truth)] ** 2, axis=0) / np.mean(b**2, axis=0)[:, None]
+    ) * np.abs(truth)
     return share.max(axis=0) >= 0.2, truth
 
 
-def test_noisy_angles_bias_least_squares_and_neither_of_those_that_simulate(turret: Rig, coarse: DesignBlocks) -> None:
+def test_noisy_angles_bias_least_squares_and_neither_of_those_that_simulate(
+    turret: Rig, coarse: DesignBlocks
+) -> None:
     heavy, truth = heaviest(turret, coarse)
 
     def worst(theta: Array) -> float:
@@ -82,7 +86,9 @@ def test_noisy_angles_bias_least_squares_and_neither_of_those_that_simulate(turr
     assert worst(fit_idim(coarse).theta) < 0.03 and worst(fit_output_error(coarse).theta) < 0.03
 
 
-def test_the_bias_test_flags_the_noisy_log_and_not_the_quiet_one(coarse: DesignBlocks, quiet: DesignBlocks) -> None:
+def test_the_bias_test_flags_the_noisy_log_and_not_the_quiet_one(
+    coarse: DesignBlocks, quiet: DesignBlocks
+) -> None:
     flagged = check_bias(coarse, "noisy")
     clear = check_bias(quiet, "always")
     assert flagged is not None and flagged.test is not None and flagged.noise > NOISY
@@ -92,12 +98,22 @@ def test_the_bias_test_flags_the_noisy_log_and_not_the_quiet_one(coarse: DesignB
         and "instrumental" in flagged.sentence
         and flagged.to_dict()["biased"] is True
     )
-    assert clear is not None and clear.test is not None and clear.test.p_value > 0.01 and not clear.test.biased
+    assert (
+        clear is not None
+        and clear.test is not None
+        and clear.test.p_value > 0.01
+        and not clear.test.biased
+    )
 
 
 def test_little_noise_is_not_worth_a_test_and_nobody_asked_gets_none(quiet: DesignBlocks) -> None:
     found = check_bias(quiet, "noisy")
-    assert found is not None and found.test is None and found.noise < NOISY and found.to_dict()["biased"] is None
+    assert (
+        found is not None
+        and found.test is None
+        and found.noise < NOISY
+        and found.to_dict()["biased"] is None
+    )
     assert check_bias(quiet, "never") is None
 
 
@@ -109,7 +125,9 @@ def test_a_difference_that_noise_cannot_make_is_the_models() -> None:
     assert noisy.by_noise and "use --estimator output-error" in noisy.sentence
     used = BiasCheck(0.2, test, method=Method.OUTPUT_ERROR).sentence
     assert "biased" in used and "use --estimator" not in used
-    assert not quiet.by_noise and "diagnose" in quiet.sentence and "output-error" not in quiet.sentence
+    assert (
+        not quiet.by_noise and "diagnose" in quiet.sentence and "output-error" not in quiet.sentence
+    )
 
 
 def test_columns_that_are_their_own_instruments_say_nothing_else(coarse: DesignBlocks) -> None:
@@ -139,10 +157,14 @@ def test_trust_leads_from_the_data_to_the_urdf(turret: Rig, quiet: DesignBlocks)
     loose, tight = (fit_ridge(blocks, trust) for trust in (1e4, 1e-9))
     assert np.allclose(loose.theta, free.theta, atol=1e-2 * free.std.min())
     assert np.allclose(tight.theta[:width], given, rtol=1e-4, atol=1e-6)
-    assert np.all(fit_ridge(blocks, 0.1).std <= 1.05 * free.std) and np.all(tight.std[:width] < free.std[:width])
+    assert np.all(fit_ridge(blocks, 0.1).std <= 1.05 * free.std) and np.all(
+        tight.std[:width] < free.std[:width]
+    )
 
 
-@pytest.mark.parametrize("name", [Method.INSTRUMENTAL, Method.OUTPUT_ERROR, Method.RIDGE, Method.PHYSICAL])
+@pytest.mark.parametrize(
+    "name", [Method.INSTRUMENTAL, Method.OUTPUT_ERROR, Method.RIDGE, Method.PHYSICAL]
+)
 def test_rows_mixed_from_several_rigs_are_refused(name: Method, quiet: DesignBlocks) -> None:
     with pytest.raises(UsageError, match="several payloads"):
         ESTIMATORS[name](list(quiet))

@@ -22,7 +22,14 @@ from gimbal_pin.control import bench_run, tune
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Coulomb, Presliding
 from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.identification import Online, given_beta, identify, iterate_progress, read_model, report_progress
+from gimbal_pin.identification import (
+    Online,
+    given_beta,
+    identify,
+    iterate_progress,
+    read_model,
+    report_progress,
+)
 from gimbal_pin.log import Array, Log, Motion, write_log
 from gimbal_pin.regression import Estimate, Filtering
 from gimbal_pin.rig import Rig
@@ -40,7 +47,9 @@ def quiet(rig: str, payload: str, late: bool = False, dt: float = 2e-3) -> Log:
     body = Rig.load(rig, payload)
     motion = fourier(body, 0, END, dt)
     rows = motion.t >= MIDDLE if late else motion.t < MIDDLE
-    part = Motion(motion.t[rows] - motion.t[rows][0], motion.q[rows], motion.v[rows], motion.a[rows])
+    part = Motion(
+        motion.t[rows] - motion.t[rows][0], motion.q[rows], motion.v[rows], motion.a[rows]
+    )
     law = tune(nominal(body), bandwidth_hz=4.0, dt=dt).controller
     return bench_run(nominal(body), law, rng=np.random.default_rng(0), reference=part)
 
@@ -141,7 +150,9 @@ def test_angles_that_start_over_within_a_block_or_between_two_are_unwrapped(bloc
     memory = online.start()
     for begin in range(0, len(log), block):
         memory = online.advance(memory, wrapped.part(slice(begin, begin + block)))
-    np.testing.assert_allclose(online.estimate(memory).theta, learn(online, log).theta, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        online.estimate(memory).theta, learn(online, log).theta, rtol=1e-6, atol=1e-9
+    )
 
 
 def test_forgetting_follows_a_drift() -> None:
@@ -156,7 +167,10 @@ def test_forgetting_follows_a_drift() -> None:
     for fading in (np.inf, 2.5):
         online = Online.of(rig, filtering=EXACT, fading=fading)
         model = online.model(online.advance(online.start(), drifting))
-        ends[fading] = next(t.values[0] for t in model.terms if t.effect == Coulomb("pan")) / rig.friction[0, 0]
+        ends[fading] = (
+            next(t.values[0] for t in model.terms if t.effect == Coulomb("pan"))
+            / rig.friction[0, 0]
+        )
     assert ends[np.inf] < 1.75 and abs(ends[2.5] - 1.9) < 0.1
 
 
@@ -165,7 +179,9 @@ def test_a_new_camera_on_a_known_gimbal() -> None:
     before = quiet("turret", "infrared", dt=1e-3)
     log = quiet("turret", "zoom-lens", late=True, dt=1e-3)
     stated = Filtering(alignment=before.dt / 2)
-    known = identify(Rig.load("turret", "infrared"), [before], holdout="none", filtering=stated).model
+    known = identify(
+        Rig.load("turret", "infrared"), [before], holdout="none", filtering=stated
+    ).model
     rig = Rig.load("turret", "zoom-lens")
     online = Online.of(rig, known=known)
     memory = online.advance(online.start(), log)
@@ -173,7 +189,9 @@ def test_a_new_camera_on_a_known_gimbal() -> None:
     free = Online.of(rig)
     alone = free.estimate(free.advance(free.start(), log))
     assert np.all(np.abs(estimate.theta - true_parameters(rig, online)) < 4 * estimate.std + 1e-6)
-    assert np.all(estimate.std < 1.3 * alone.std) and np.all(estimate.std[-4:] < 0.6 * alone.std[-4:])
+    assert np.all(estimate.std < 1.3 * alone.std) and np.all(
+        estimate.std[-4:] < 0.6 * alone.std[-4:]
+    )
 
 
 def test_what_cannot_be_followed_is_refused() -> None:
@@ -202,13 +220,17 @@ def test_what_cannot_be_followed_is_refused() -> None:
         online.model(online.advance(online.start(), still))
 
 
-def test_a_clock_that_goes_back_ends_the_log_and_loses_nothing_of_it(run: Run, tmp_path: Path) -> None:
+def test_a_clock_that_goes_back_ends_the_log_and_loses_nothing_of_it(
+    run: Run, tmp_path: Path
+) -> None:
     log = noisy()
     path = tmp_path / "log.csv"
     write_log(log, path)
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join([*lines[:5_501], *lines[4_000:]]))
-    code, out, err = run("identify", "turret", path, "--follow", "--idle", "0", "--alignment", "0", "--json", "-")
+    code, out, err = run(
+        "identify", "turret", path, "--follow", "--idle", "0", "--alignment", "0", "--json", "-"
+    )
     result = json.loads(out.splitlines()[-1])
     assert code == 0, err
     assert any("learned up to 11.0 s" in note and "goes back" in note for note in result["notes"])
@@ -225,7 +247,9 @@ def test_steps_come_once_a_second() -> None:
     times = [memory.t for memory in iterate_progress(online, parts, "x")]
     assert np.diff(times[1:]).max() < 1.01 and times[-1] == log.t[-1]
     found = report_progress(online, list(iterate_progress(online, [log], "x"))[-1])
-    assert not found.hidden and found.to_dict()["ready"] and set(found.torque_error) == {"pan", "tilt"}
+    assert (
+        not found.hidden and found.to_dict()["ready"] and set(found.torque_error) == {"pan", "tilt"}
+    )
 
 
 def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
@@ -234,7 +258,17 @@ def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     model = tmp_path / "m.yaml"
     write_log(log, path)
-    command = [sys.executable, "-m", "gimbal_pin.cli", "identify", "turret", "-", "--follow", "--json", "-"]
+    command = [
+        sys.executable,
+        "-m",
+        "gimbal_pin.cli",
+        "identify",
+        "turret",
+        "-",
+        "--follow",
+        "--json",
+        "-",
+    ]
     command += ["-o", str(model), "--alignment", "0"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     lines: list[dict[str, Any]] = []
@@ -248,15 +282,26 @@ def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
         out, err = running.communicate(timeout=60)
     assert running.returncode == 0, err
     result = json.loads(out)
-    assert {line["kind"] for line in lines} == {"progress"} and len(lines) >= 12 and lines[-1]["ready"]
-    assert result["kind"] == "result" and result["estimator"] == "recursive" and result["schema"] == 1
-    told, last = ({row["name"]: row for row in line["base_parameters"]} for line in (result, lines[-1]))
+    assert (
+        {line["kind"] for line in lines} == {"progress"} and len(lines) >= 12 and lines[-1]["ready"]
+    )
+    assert (
+        result["kind"] == "result" and result["estimator"] == "recursive" and result["schema"] == 1
+    )
+    told, last = (
+        {row["name"]: row for row in line["base_parameters"]} for line in (result, lines[-1])
+    )
     # The result's deviations also hold what the model misses at each joint.
-    assert all(told[name]["value"] == row["value"] and told[name]["std"] >= row["std"] for name, row in last.items())
+    assert all(
+        told[name]["value"] == row["value"] and told[name]["std"] >= row["std"]
+        for name, row in last.items()
+    )
     assert min(result["held_out"]["fit_percent"].values()) > 99
     online = Online.of(Rig.load("turret"), filtering=EXACT)
     expected = online.model(online.advance(online.start(), log))
-    np.testing.assert_allclose(read_model(model, expected.rig).rig.phi, expected.rig.phi, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        read_model(model, expected.rig).rig.phi, expected.rig.phi, rtol=1e-9, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(

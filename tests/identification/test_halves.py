@@ -48,7 +48,9 @@ def test_a_log_almost_without_noise_is_of_one_rig(rig: str, seed: int) -> None:
     loaded = Rig.load(rig)
     log = prescribed(nominal(loaded), seed, SECONDS)
     q = log.q + 2e-5 * np.sin(40 * log.q + seed) + 1e-6 * (log.t[:, None] - SECONDS / 2)
-    found = identify(loaded, [replace(log, q=q)], filtering=Filtering(alignment=0.0), examined="noisy")
+    found = identify(
+        loaded, [replace(log, q=q)], filtering=Filtering(alignment=0.0), examined="noisy"
+    )
     assert found.parting is not None and not found.is_of_two_rigs and not found.notes
 
 
@@ -56,10 +58,16 @@ def test_a_refit_learns_from_all_and_is_judged_without_what_it_was_held_out() ->
     rig = Rig.load("turret")
     options = Filtering(alignment=0.0)
     logs = [prescribed(nominal(rig), seed, 8.0, torque_noise=0.05) for seed in (1, 2)]
-    held, everything = (identify(rig, logs, filtering=options, holdout=how) for how in (None, "none"))
+    held, everything = (
+        identify(rig, logs, filtering=options, holdout=how) for how in (None, "none")
+    )
     final = keep_held_out_accuracy(held, everything)
     np.testing.assert_array_equal(final.estimate.theta, everything.estimate.theta)
-    assert final.held_out == held.held_out and final.held_out is not None and "all data" in final.notes[-1]
+    assert (
+        final.held_out == held.held_out
+        and final.held_out is not None
+        and "all data" in final.notes[-1]
+    )
     assert np.median(final.estimate.std / held.estimate.std) < 0.9
     said = "prescribed 2 only judged the others and taught nothing; --refit learns from all"
     assert said in held.notes and said not in final.notes

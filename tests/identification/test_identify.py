@@ -57,8 +57,12 @@ def test_a_log_without_noise_gives_the_parameters_back(name: str) -> None:
     assert found.physical
 
 
-@pytest.mark.parametrize(("estimator", "off"), [("weighted", 1e-8), ("physical", 1e-6), ("output-error", 1e-4)])
-def test_a_rotor_that_the_rig_states_is_known_and_stays_in_the_model(turret: Rig, estimator: str, off: float) -> None:
+@pytest.mark.parametrize(
+    ("estimator", "off"), [("weighted", 1e-8), ("physical", 1e-6), ("output-error", 1e-4)]
+)
+def test_a_rotor_that_the_rig_states_is_known_and_stays_in_the_model(
+    turret: Rig, estimator: str, off: float
+) -> None:
     motors = tuple(replace(motor, gear_ratio=6.0, rotor_inertia=2e-4) for motor in turret.motors)
     geared = replace(turret, motors=motors)
     log = prescribed(nominal(geared), 1, seconds=8.0, dt=2e-3)
@@ -93,7 +97,10 @@ def test_angles_drowned_in_noise_are_not_called_a_lack_of_motion() -> None:
 def test_estimators_agree_without_noise(turret: Rig) -> None:
     """Output error integrates a torque whose jumps lie between its samples, and so sees them a sample off."""
     log = prescribed(nominal(turret), seconds=12.0)
-    found = {name: identify(turret, [log], estimator=each, filtering=EXACT) for name, each in ESTIMATORS.items()}
+    found = {
+        name: identify(turret, [log], estimator=each, filtering=EXACT)
+        for name, each in ESTIMATORS.items()
+    }
     first = found["ols"].estimate.theta
     for name, other in found.items():
         near = 1e-3 if name == "output-error" else 1e-4
@@ -151,9 +158,9 @@ def test_too_few_samples_are_refused(turret: Rig, clean: Log, samples: int) -> N
         identify(turret, [clean.part(slice(0, samples))])
     assert caught.value.unseen and caught.value.exit_code == 3
     names = caught.value.unseen
-    assert ", ".join(names[:6]) in str(caught.value) and (f"and {len(names) - 6} more" in str(caught.value)) == (
-        len(names) > 6
-    )
+    assert ", ".join(names[:6]) in str(caught.value) and (
+        f"and {len(names) - 6} more" in str(caught.value)
+    ) == (len(names) > 6)
 
 
 def test_a_log_without_torque_is_refused(turret: Rig, clean: Log) -> None:
@@ -184,8 +191,14 @@ def test_no_table_is_wider_than_a_terminal() -> None:
     tables = [line for line in told if "   " in line.strip() or line.startswith("body ")]
     assert len(tables) > len(found.names) and max(map(len, tables)) <= 120
     short = str(found)
-    assert f"{len(found.names)} parameters by weighted" in short and "array(" not in short and short.count("\n") == 3
-    assert found.held_out is not None and all(f"{joint} " in str(found.held_out) for joint in rig.joints)
+    assert (
+        f"{len(found.names)} parameters by weighted" in short
+        and "array(" not in short
+        and short.count("\n") == 3
+    )
+    assert found.held_out is not None and all(
+        f"{joint} " in str(found.held_out) for joint in rig.joints
+    )
 
 
 def test_what_is_wrong_with_the_logs_and_the_parameters_is_said_first(turret: Rig) -> None:
@@ -195,7 +208,11 @@ def test_what_is_wrong_with_the_logs_and_the_parameters_is_said_first(turret: Ri
     found = identify(turret, [bad], examined="noisy")
     assert "controller's formula" in found.warnings[0]
     assert found.warnings[0].endswith(check_log(turret, bad).faults[0].next_experiment)
-    assert show_parameters(found, compare_payload(found)).to_text().startswith(f"Warning\n  {found.warnings[0]}\n")
+    assert (
+        show_parameters(found, compare_payload(found))
+        .to_text()
+        .startswith(f"Warning\n  {found.warnings[0]}\n")
+    )
     assert found.to_dict()["warnings"] == list(found.warnings)
     assert not identify(turret, [bad], examined="never").faults
 
@@ -216,12 +233,16 @@ def test_figures_that_cannot_be_are_said(turret: Rig) -> None:
     driven = replace(turret, friction=-turret.friction)
     found = identify(turret, [prescribed(nominal(driven), torque_noise=0.01, dt=2e-3)])
     names = [name for name in found.names if name.endswith((".Fs", ".Fv"))]
-    assert [said.split(" ")[0] for said in found.warnings] == names and all("negative" in s for s in found.warnings)
+    assert [said.split(" ")[0] for said in found.warnings] == names and all(
+        "negative" in s for s in found.warnings
+    )
     assert found.held_out is not None
     worse = replace(found.held_out, fit_percent=dict.fromkeys(turret.joints, -3.0))
     dull = replace(found.train, used=dict.fromkeys(turret.joints, 0.4))
     vague = replace(found.estimate, covariance=1e6 * found.estimate.covariance)
-    said = "\n".join(replace(found, held_out=worse, train=dull, estimate=vague, trust=10.0).warnings)
+    said = "\n".join(
+        replace(found, held_out=worse, train=dull, estimate=vague, trust=10.0).warnings
+    )
     assert "negative" not in said
     for joint in turret.joints:
         assert f"{joint}: the model predicts the held-out torque worse" in said
@@ -231,11 +252,17 @@ def test_figures_that_cannot_be_are_said(turret: Rig) -> None:
 def test_a_sum_of_inertias_under_zero_is_said(turret: Rig) -> None:
     log = prescribed(nominal(turret), torque_noise=0.01, dt=2e-3)
     base = reduce_parameters(turret)
-    sums = [k for k, terms in enumerate(base.terms) if all(x > 0 and ".I" in name for name, x in terms.items())]
+    sums = [
+        k
+        for k, terms in enumerate(base.terms)
+        if all(x > 0 and ".I" in name for name, x in terms.items())
+    ]
     found = identify(turret, [log])
     theta = found.estimate.theta.copy()
     theta[sums] *= -1
     under = replace(found, estimate=replace(found.estimate, theta=theta))
     positive = [k for k in sums if base.base_names[k].split(".")[1][:3] in ("Ixx", "Iyy", "Izz")]
-    assert [said.split(" is negative")[0] for said in under.warnings] == [found.names[k] for k in positive]
+    assert [said.split(" is negative")[0] for said in under.warnings] == [
+        found.names[k] for k in positive
+    ]
     assert positive

@@ -54,7 +54,8 @@ def test_a_torque_in_another_unit_is_refused_with_the_map_that_mends_it() -> Non
     log = prescribed(nominal(rig), 1, 6.0, dt=4e-3)
     loud = replace(log, tau=2000.0 * rig.tau_max * log.tau / np.abs(log.tau).max(axis=0))  # type: ignore[operator]
     with pytest.raises(
-        LogError, match=r"tau_yaw.*times the motor's 4.5 N m.*--map 'tau_yaw=tau_yaw\*0.00075'.* from mA"
+        LogError,
+        match=r"tau_yaw.*times the motor's 4.5 N m.*--map 'tau_yaw=tau_yaw\*0.00075'.* from mA",
     ):
         identify(rig, [loud])
 
@@ -64,14 +65,20 @@ def test_what_no_log_determines_stays_near_the_urdf(turret: Rig) -> None:
     rig = turret
     mixing = rows_of(turret, prescribed(nominal(turret), 1, 4.0, dt=4e-3)).mixing
     beta = mixing @ rig.phi
-    vague = find_likeliest_bodies(rig.phi, mixing, 1.5 * beta, np.diag((100 * beta + 1.0) ** 2), 0.3)
-    sharp = find_likeliest_bodies(rig.phi, mixing, 1.2 * beta, np.diag((1e-4 * np.abs(beta) + 1e-9) ** 2), 0.3)
+    vague = find_likeliest_bodies(
+        rig.phi, mixing, 1.5 * beta, np.diag((100 * beta + 1.0) ** 2), 0.3
+    )
+    sharp = find_likeliest_bodies(
+        rig.phi, mixing, 1.2 * beta, np.diag((1e-4 * np.abs(beta) + 1e-9) ** 2), 0.3
+    )
     assert np.allclose(vague, rig.phi, rtol=0.01, atol=1e-4)
     assert np.allclose(mixing @ sharp, 1.2 * beta, rtol=2e-3, atol=1e-6)
 
 
 def test_an_inertia_just_under_zero_is_undetermined(turret: Rig) -> None:
-    found = identify(turret, [prescribed(nominal(turret), 1, 20.0, torque_noise=0.01, dt=4e-3)], filtering=EXACT)
+    found = identify(
+        turret, [prescribed(nominal(turret), 1, 20.0, torque_noise=0.01, dt=4e-3)], filtering=EXACT
+    )
     k = found.names.index("tilt.Fv")
     theta = found.estimate.theta.copy()
     theta[k] = -1.5 * found.estimate.std[k]
@@ -98,7 +105,9 @@ def deviations_off(rig: Rig, log: Log) -> tuple[Array, Array]:
 
 
 def test_a_ripple_that_the_model_lacks_is_held_by_the_deviations(turret: Rig) -> None:
-    logs = [prescribed(nominal(turret), seed, 20.0, torque_noise=0.01, dt=4e-3) for seed in range(2)]
+    logs = [
+        prescribed(nominal(turret), seed, 20.0, torque_noise=0.01, dt=4e-3) for seed in range(2)
+    ]
     off = [deviations_off(turret, rippling(log, 1.0)) for log in logs]
     without, held = (np.array(x) for x in zip(*off))
     assert np.sqrt(np.mean(held**2)) < min(1.25, np.sqrt(np.mean(without**2)))
@@ -114,7 +123,9 @@ def test_noise_is_nothing_that_the_model_misses(seed: int) -> None:
     assert fit_misfit(A, X, A.sum(axis=1) + noise, 600.0).size < 0.25
     missed = 2.0 * X[:, GROUPS == 1] @ rng.standard_normal(int(np.sum(GROUPS == 1)))
     found = fit_misfit(A, X, A.sum(axis=1) + missed + noise, 600.0)
-    assert found.size == pytest.approx(np.std(missed), rel=0.15) and found.noise == pytest.approx(1.0, rel=0.15)
+    assert found.size == pytest.approx(np.std(missed), rel=0.15) and found.noise == pytest.approx(
+        1.0, rel=0.15
+    )
 
 
 def test_what_comes_back_with_the_motion_is_no_noise() -> None:
@@ -162,20 +173,31 @@ def test_a_joint_that_is_not_explained_is_said_first(turret: Rig) -> None:
     found = identify(turret, [rippling(log, 1.0)], filtering=EXACT)
     first = found.warnings[0]
     fit = found.held_out.fit_percent["pan"]
-    assert first.startswith("pan is not explained: ") and "gimbal-pin diagnose" in first and fit < 90
-    assert show_parameters(found, compare_payload(found)).to_text().startswith(f"Warning\n  {first}\n")
+    assert (
+        first.startswith("pan is not explained: ") and "gimbal-pin diagnose" in first and fit < 90
+    )
+    assert (
+        show_parameters(found, compare_payload(found)).to_text().startswith(f"Warning\n  {first}\n")
+    )
     assert not any(said.startswith("tilt is not explained") for said in found.warnings)
-    assert not any("not explained" in said for said in identify(turret, [log], filtering=EXACT).warnings)
+    assert not any(
+        "not explained" in said for said in identify(turret, [log], filtering=EXACT).warnings
+    )
     assert found.opinions == {"pan": Opinion.NOT_EXPLAINED, "tilt": Opinion.EXPLAINED}
     assert found.to_dict()["misfit"]["pan"]["opinion"] == "not explained"
     told = show_torque(found).to_text()
     assert "not explained" in told and " explained" in told.replace("not explained", "")
-    assert found.to_dict()["misfit"]["pan"]["torque_rms"] > 10 * found.to_dict()["misfit"]["tilt"]["torque_rms"]
+    assert (
+        found.to_dict()["misfit"]["pan"]["torque_rms"]
+        > 10 * found.to_dict()["misfit"]["tilt"]["torque_rms"]
+    )
 
 
 def test_a_small_ripple_is_structure_and_none_is_explained_whatever_the_noise(turret: Rig) -> None:
     """A tenth of the torque is a matter of accuracy; noise of a third of it is noise."""
-    clean, noisy = (prescribed(nominal(turret), 1, 20.0, torque_noise=size, dt=4e-3) for size in (1e-3, 0.1))
+    clean, noisy = (
+        prescribed(nominal(turret), 1, 20.0, torque_noise=size, dt=4e-3) for size in (1e-3, 0.1)
+    )
     some = identify(turret, [rippling(clean, 0.05)], filtering=EXACT).opinions
     assert some == {"pan": Opinion.STRUCTURE_LEFT, "tilt": Opinion.EXPLAINED}
     assert set(identify(turret, [noisy], filtering=EXACT).opinions.values()) == {Opinion.EXPLAINED}
@@ -188,17 +210,39 @@ def test_the_urdf_has_the_bodies_of_the_extended_model(
     log = tmp_path / "log.csv"
     folder = tmp_path / "found"
     teeth = parse_effect("cogging:pan:amplitude=0.05,harmonic=7", turret)
-    write_log(prescribed(plant_with(nominal(turret), [teeth]).plant, 3, 8.0, torque_noise=0.01, dt=4e-3), log)
+    write_log(
+        prescribed(plant_with(nominal(turret), [teeth]).plant, 3, 8.0, torque_noise=0.01, dt=4e-3),
+        log,
+    )
     urdfs = [tmp_path / f"{name}.urdf" for name in ("plain", "diagnosed", "extended")]
     still = ("--alignment", "0")
-    monkeypatch.setattr("gimbal_pin.diagnosis.diagnose", partial(diagnose, causes={"cogging": Cogging}))
+    monkeypatch.setattr(
+        "gimbal_pin.diagnosis.diagnose", partial(diagnose, causes={"cogging": Cogging})
+    )
     assert run("identify", "turret", log, "--urdf", urdfs[0], *still)[0] == 0
     urdfs.append(tmp_path / "diagnosed.xml")
-    code, _, told = run("diagnose", "turret", log, "-o", folder, "--urdf", urdfs[1], "--mjcf", urdfs[3], *still)
+    code, _, told = run(
+        "diagnose", "turret", log, "-o", folder, "--urdf", urdfs[1], "--mjcf", urdfs[3], *still
+    )
     assert code == 0 and "not in MuJoCo's model: pan: cogging" in told
-    assert run("identify", "turret", log, "--extended", folder / "extended.yaml", "--urdf", urdfs[2], *still)[0] == 0
+    assert (
+        run(
+            "identify",
+            "turret",
+            log,
+            "--extended",
+            folder / "extended.yaml",
+            "--urdf",
+            urdfs[2],
+            *still,
+        )[0]
+        == 0
+    )
     known = reduce_parameters(turret)
-    off = [np.linalg.norm(given_beta(Rig.load(urdf), known) - given_beta(turret, known)) for urdf in urdfs]
+    off = [
+        np.linalg.norm(given_beta(Rig.load(urdf), known) - given_beta(turret, known))
+        for urdf in urdfs
+    ]
     assert off[1] < 0.5 * off[0] and off[2:] == pytest.approx([off[1]] * 2, rel=1e-6)
 
 
@@ -224,7 +268,9 @@ def toothed(turret: Rig) -> tuple[Log, Log]:
 TEETH = (Cogging("tilt", (7.0,)),)
 
 
-def test_an_effect_of_the_training_part_alone_is_left_out_and_said_first(turret: Rig, tmp_path: Path, run: Run) -> None:
+def test_an_effect_of_the_training_part_alone_is_left_out_and_said_first(
+    turret: Rig, tmp_path: Path, run: Run
+) -> None:
     """As cogging that a narrow motion seems to show and a wide one does not: its fit says 99.9 %, and 74 % there."""
     logs = [swept(turret, seed, size) for seed, size in ((1, 0.3), (2, 1.0))]
     files = [tmp_path / f"{log.name}.csv" for log in logs]
@@ -234,14 +280,22 @@ def test_an_effect_of_the_training_part_alone_is_left_out_and_said_first(turret:
     model = tmp_path / "model.yaml"
     teeth = [Cogging("tilt", (4.0, 7.0))]
     write_extended(identify(turret, logs, teeth, filtering=EXACT, holdout="none").model, extended)
-    found = result(run, "identify", "turret", *files, "--extended", extended, "--alignment", 0, "-o", model)
+    found = result(
+        run, "identify", "turret", *files, "--extended", extended, "--alignment", 0, "-o", model
+    )
     first = found["warnings"][0]
     fit = found["held_out"]["fit_percent"]["tilt"]
     said = r"tilt: cogging left out: .* training part to 99.* %, the held-out part to [67].* %; without it to 9[89]"
-    assert re.match(said, first) and fit > 98 and not any("cos_7" in x["name"] for x in found["base_parameters"])
+    assert (
+        re.match(said, first)
+        and fit > 98
+        and not any("cos_7" in x["name"] for x in found["base_parameters"])
+    )
     assert "effective_rows" in found["train"]
     tuned = result(run, "tune", "turret", model, "--plants", 1)
-    assert tuned["warnings"] == [first] and not any("beyond the data" in doubt for doubt in tuned["doubts"])
+    assert tuned["warnings"] == [first] and not any(
+        "beyond the data" in doubt for doubt in tuned["doubts"]
+    )
 
 
 def swept(rig: Rig, seed: int, size: float) -> Log:
@@ -265,12 +319,18 @@ def test_a_model_that_holds_for_its_training_part_alone_is_refused_for_control(
 ) -> None:
     """Teeth that only the held-out part has; an older file says nothing of it, and is tuned as it was."""
     found = identify(turret, [halves(*toothed)], TEETH, filtering=EXACT)
-    assert re.match(r"tilt: the model fits its training part to 99.*, the held-out part to", found.warnings[0])
+    assert re.match(
+        r"tilt: the model fits its training part to 99.*, the held-out part to", found.warnings[0]
+    )
     write_model(found, path := tmp_path / "model.yaml")
     tuning = tune(read_model(path, turret))
     assert tuning.wish.dt == pytest.approx(toothed[0].dt)
     assert tuning.warnings == found.warnings[:1] and "tilt: not to be run" in tuning.doubts[-1]
-    assert show_controller(tuning).to_text().startswith(f"Warning\n  {found.warnings[0]}\n  tilt: not to be run")
+    assert (
+        show_controller(tuning)
+        .to_text()
+        .startswith(f"Warning\n  {found.warnings[0]}\n  tilt: not to be run")
+    )
     older = {key: x for key, x in yaml.safe_load(path.read_text()).items() if key != "doubts"}
     path.write_text(yaml.safe_dump(older))
     assert not tune(read_model(path, turret)).doubts

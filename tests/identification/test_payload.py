@@ -16,7 +16,13 @@ from gimbal_pin.control import perturbed
 from gimbal_pin.dynamics import Model, nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import get_payload, parse_effect
 from gimbal_pin.errors import UsageError
-from gimbal_pin.identification import BaseDifference, PayloadDiscrepancy, compare_payload, explain_by_payload, identify
+from gimbal_pin.identification import (
+    BaseDifference,
+    PayloadDiscrepancy,
+    compare_payload,
+    explain_by_payload,
+    identify,
+)
 from gimbal_pin.log import Log
 from gimbal_pin.regression import TRUST, compute_deformation_root
 from gimbal_pin.rig import Rig, build_rig, to_urdf
@@ -73,7 +79,11 @@ def test_nothing_planted_is_nothing_said(name: str) -> None:
     z = []
     for seed in range(3):
         found = compare(rig, record(nominal(rig), seed))
-        assert found.is_sufficient and len(found.lines) == 1 and "sits where its URDF says" in found.sentence
+        assert (
+            found.is_sufficient
+            and len(found.lines) == 1
+            and "sits where its URDF says" in found.sentence
+        )
         for shown in (found.shift, found.mass, found.products):
             z += (shown.value / np.sqrt(np.diag(shown.covariance))).tolist()
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
@@ -94,13 +104,16 @@ def test_a_mass_that_does_not_show_is_one_statement_with_the_place() -> None:
     """At the mass that was planted, the first moment is the stated one's; so it says in JSON and in words."""
     rig = trust(Rig.load("ptu"))
     row = describe(rig, record(plant(rig, "payload-mass:extra=0.1"), 1))
-    com, per_gram, std = (np.array(row[key], float) for key in ("com_mm", "com_mm_per_g", "com_std_mm"))
+    com, per_gram, std = (
+        np.array(row[key], float) for key in ("com_mm", "com_mm_per_g", "com_std_mm")
+    )
     shown = np.isfinite(com)
     at_the_mass = (com + 100.0 * (per_gram + com / row["stated_mass"]))[shown]
     np.testing.assert_allclose(at_the_mass, 0.0, atol=4 * np.nanmax(std))
     assert np.nanmax(np.abs(com)) > 20 * np.nanmax(std)
     assert re.search(
-        r"if it weighs 100 g more, it sits [\d.]+ mm further (forward|back|left|right|up|down)", row["sentence"]
+        r"if it weighs 100 g more, it sits [\d.]+ mm further (forward|back|left|right|up|down)",
+        row["sentence"],
     )
 
 
@@ -113,9 +126,14 @@ def test_grams_are_not_taken_for_kilograms() -> None:
 
 def test_every_axis_is_spoken_of() -> None:
     """An axis that is as the URDF says has that said beside one that is not."""
-    found = compare(trust(Rig.load("handheld")), record(plant(trust(Rig.load("handheld")), ALONG), 1))
+    found = compare(
+        trust(Rig.load("handheld")), record(plant(trust(Rig.load("handheld")), ALONG), 1)
+    )
     said = found.sentence.partition("; ")[0]
-    assert all(any(word in said for word in pair) for pair in (("forward", "back"), ("left", "right"), ("up", "down")))
+    assert all(
+        any(word in said for word in pair)
+        for pair in (("forward", "back"), ("left", "right"), ("up", "down"))
+    )
     assert "where that says, to" in said
 
 
@@ -134,8 +152,13 @@ def test_a_mass_that_was_weighed_leaves_the_place_alone_open(name: str) -> None:
     for k, (x, std) in enumerate(zip(row["com_mm"], row["com_std_mm"])):
         if x is not None:
             assert x == pytest.approx(SHIFT[k], abs=3 * std)
-            moments = std * (1e3 * stated + 100.0), free["com_std_mm"][k] * (1e3 * stated + (free["mass"] or 0.0))
-            assert moments[0] <= moments[1] * 1.001  # a place is the first moment, of which this is said, over the mass
+            moments = (
+                std * (1e3 * stated + 100.0),
+                free["com_std_mm"][k] * (1e3 * stated + (free["mass"] or 0.0)),
+            )
+            assert (
+                moments[0] <= moments[1] * 1.001
+            )  # a place is the first moment, of which this is said, over the mass
     there = weighed.balance
     here = alone.balance
     assert there is not None and there.mass == pytest.approx(stated + 0.1)
@@ -150,7 +173,9 @@ def test_the_balance_is_as_uncertain_as_the_mass_it_stands_on() -> None:
     rig = trust(Rig.load("handheld"))
     z = []
     model = plant(rig, MOVED, "payload-mass:extra=0.1")
-    exact = compare_payload(identify(rig, [prescribed(model, 9, seconds=16.0, torque_noise=1e-6, dt=0.003)])).balance
+    exact = compare_payload(
+        identify(rig, [prescribed(model, 9, seconds=16.0, torque_noise=1e-6, dt=0.003)])
+    ).balance
     for seed in range(4):
         said = compare_payload(identify(rig, [record(model, seed)])).balance
         assert said is not None and exact is not None and said.source == "identified"
@@ -164,11 +189,15 @@ def test_the_centre_is_that_of_the_mass_that_was_found() -> None:
     body, inertia, frame = get_payload(rig)
     phi = rig.phi.copy()
     there = pin.SE3(np.eye(3), 1e-3 * frame.rotation @ SHIFT).act(inertia)
-    phi[10 * body : 10 * body + 10] += 1.2 * there.toDynamicParameters() - inertia.toDynamicParameters()
+    phi[10 * body : 10 * body + 10] += (
+        1.2 * there.toDynamicParameters() - inertia.toDynamicParameters()
+    )
     row = describe(rig, record(nominal(rig.with_phi(phi)), 6))
     assert row["mass"] == pytest.approx(200 * inertia.mass, abs=4 * row["mass_std"])
     assert max(row["com_std_mm"]) < 0.1
-    np.testing.assert_array_less(np.abs(np.array(row["com_mm"]) - SHIFT), 4 * np.array(row["com_std_mm"]))
+    np.testing.assert_array_less(
+        np.abs(np.array(row["com_mm"]) - SHIFT), 4 * np.array(row["com_std_mm"])
+    )
 
 
 def test_rotors_that_no_urdf_holds_hide_no_mass() -> None:
@@ -194,11 +223,15 @@ def test_what_no_cause_explains_widens_the_payloads_interval(joint: str) -> None
     tau = log.tau.copy()
     tau[:, j] += 0.05 * ((q > np.radians(10)) & (q < np.radians(20)))
     row = describe(rig, replace(log, tau=tau))
-    np.testing.assert_array_less(np.abs(np.array(row["com_mm"]) - SHIFT), 3 * np.array(row["com_std_mm"]))
+    np.testing.assert_array_less(
+        np.abs(np.array(row["com_mm"]) - SHIFT), 3 * np.array(row["com_std_mm"])
+    )
     assert abs(row["mass"] or 0.0) < 3 * (row["mass_std"] or 1.0) and max(row["com_std_mm"]) < 1.0
 
 
-@pytest.mark.parametrize("share", [-1.05, [0, 0, 0, 0, -9, -9, -9, -9, -9, -9]], ids=["mass", "inertia"])
+@pytest.mark.parametrize(
+    "share", [-1.05, [0, 0, 0, 0, -9, -9, -9, -9, -9, -9]], ids=["mass", "inertia"]
+)
 def test_what_no_body_can_have_is_no_figure(share: float | list[float]) -> None:
     """A mass under zero; an inertia under that of the mass at its centre: the log does not show them."""
     rig = trust(Rig.load("handheld"))
@@ -209,8 +242,16 @@ def test_what_no_body_can_have_is_no_figure(share: float | list[float]) -> None:
     own = difference.responses[:, 10 * body : 10 * body + 10]
     change = own @ (np.array(share) * inertia.toDynamicParameters())
     found = explain_by_payload(replace(difference, change=change))
-    assert found is not None and not found.found_mass and found.to_dict()["camera"]["com_mm"] == [None] * 3
-    assert "no body's" in found.sentence and "further" not in found.sentence and "lighter" not in found.sentence
+    assert (
+        found is not None
+        and not found.found_mass
+        and found.to_dict()["camera"]["com_mm"] == [None] * 3
+    )
+    assert (
+        "no body's" in found.sentence
+        and "further" not in found.sentence
+        and "lighter" not in found.sentence
+    )
 
 
 def test_units_are_millimetres_and_grams() -> None:
@@ -218,7 +259,9 @@ def test_units_are_millimetres_and_grams() -> None:
     row = describe(rig, record(plant(rig, MOVED), 2))
     np.testing.assert_allclose(row["com_mm"], SHIFT, atol=0.1)
     assert row["std"] == max(row["com_std_mm"]) and row["stated_mass"] == pytest.approx(1310.0)
-    assert re.search(r"4\.2\d* ± [\d.]+ mm further forward, (2|1\.9\d) ± [\d.]+ mm further left", row["sentence"])
+    assert re.search(
+        r"4\.2\d* ± [\d.]+ mm further forward, (2|1\.9\d) ± [\d.]+ mm further left", row["sentence"]
+    )
     assert "slide" not in row["sentence"], "what to do is balance's to say"
 
 
@@ -230,7 +273,9 @@ def test_other_bodies_that_differ_are_not_laid_on_the_payload() -> None:
     assert not found.is_sufficient and not found.found_mass
     true, given = (one.model.inertias[3] for one in (model.rig, rig))
     moment = true.mass * true.lever - given.mass * given.lever
-    for direction, value, std in zip(found.shift.basis.T, found.shift.value, np.sqrt(np.diag(found.shift.covariance))):
+    for direction, value, std in zip(
+        found.shift.basis.T, found.shift.value, np.sqrt(np.diag(found.shift.covariance))
+    ):
         assert value == pytest.approx(direction @ moment / found.stated, abs=4 * std)
 
 
@@ -246,8 +291,14 @@ def test_the_sentence_does_not_know_how_a_frame_is_turned() -> None:
 def turn_payload_frame(rig: Rig) -> Rig:
     """The rig with the payload's root link drawn in another frame."""
     tree = etree.fromstring(rig.urdf.encode())
-    joint = next(j for j in tree.findall("joint") if j.find("child").get("link") == rig.payload_link)
-    origin = joint.find("origin") if joint.find("origin") is not None else etree.SubElement(joint, "origin")
+    joint = next(
+        j for j in tree.findall("joint") if j.find("child").get("link") == rig.payload_link
+    )
+    origin = (
+        joint.find("origin")
+        if joint.find("origin") is not None
+        else etree.SubElement(joint, "origin")
+    )
     origin.set("rpy", "0 0 1.5707963267948966")
     link = tree.find(f"link[@name='{rig.payload_link}']")
     origin = link.find("inertial/origin")
@@ -255,13 +306,23 @@ def turn_payload_frame(rig: Rig) -> Rig:
     x, y, z = map(float, origin.get("xyz").split())
     origin.set("xyz", f"{y} {-x} {z}")
     old = {key: float(tensor.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
-    new = {"ixx": old["iyy"], "iyy": old["ixx"], "ixy": -old["ixy"], "ixz": old["iyz"], "iyz": -old["ixz"]}
+    new = {
+        "ixx": old["iyy"],
+        "iyy": old["ixx"],
+        "ixy": -old["ixy"],
+        "ixz": old["iyz"],
+        "iyz": -old["ixz"],
+    }
     for key, value in new.items():
         tensor.set(key, repr(value))
-    below = next(j for j in tree.findall("joint") if j.find("parent").get("link") == rig.payload_link)
+    below = next(
+        j for j in tree.findall("joint") if j.find("parent").get("link") == rig.payload_link
+    )
     x, y, z = map(float, below.find("origin").get("xyz").split())
     below.find("origin").attrib.update({"xyz": f"{y} {-x} {z}", "rpy": "0 0 -1.5707963267948966"})
-    made = build_rig(rig.path, etree.tostring(tree).decode(), rig.config, rig.payload, rig.payload_link, "test")
+    made = build_rig(
+        rig.path, etree.tostring(tree).decode(), rig.config, rig.payload, rig.payload_link, "test"
+    )
     np.testing.assert_allclose(made.phi, rig.phi, atol=1e-9)
     return made
 
@@ -269,9 +330,14 @@ def turn_payload_frame(rig: Rig) -> Rig:
 def test_a_foreign_rig_carries_its_fixed_leaf_or_its_last_link() -> None:
     rig = trust(Rig.load("turret"))
     bare = replace(rig.config, camera_frame=None)
-    lumped = build_rig(rig.path, to_urdf(Rig.load("turret", "none"), rig.phi), bare, None, None, "test")
+    lumped = build_rig(
+        rig.path, to_urdf(Rig.load("turret", "none"), rig.phi), bare, None, None, "test"
+    )
     log = record(plant(rig, MOVED), 4)
-    moments = [row["com_mm"][0] * row["stated_mass"] for row in (describe(one, log) for one in (rig, lumped))]
+    moments = [
+        row["com_mm"][0] * row["stated_mass"]
+        for row in (describe(one, log) for one in (rig, lumped))
+    ]
     assert moments[0] == pytest.approx(moments[1], rel=1e-6)
 
 
@@ -287,7 +353,9 @@ def test_a_link_that_is_not_as_its_urdf_says_is_not_laid_on_the_payload(seed: in
     body, inertia, frame = get_payload(rig)
     bare = perturbed(rig, 0.15, np.random.default_rng(seed)).rig.phi - rig.phi
     link = np.zeros((rig.n, 10))
-    link[body] = pin.SE3(np.eye(3), 1e-3 * frame.rotation @ SHIFT).act(inertia).toDynamicParameters()
+    link[body] = (
+        pin.SE3(np.eye(3), 1e-3 * frame.rotation @ SHIFT).act(inertia).toDynamicParameters()
+    )
     link[body] -= inertia.toDynamicParameters()
     log = record(nominal(rig.with_phi(rig.phi + bare + link.ravel())), seed)
     said = compare_payload(identify(rig, [log]))
@@ -313,7 +381,9 @@ def test_bodies_as_far_off_as_the_trust_says_leave_the_place_true(name: str) -> 
     exact = BaseDifference(rig, reduction, np.zeros(len(noise)), noise, noise)
     bodies = TRUST * exact.responses @ compute_deformation_root(bare)
     for _ in range(100):
-        shift = explain_by_payload(replace(exact, change=bodies @ rng.standard_normal(bodies.shape[1]))).shift
+        shift = explain_by_payload(
+            replace(exact, change=bodies @ rng.standard_normal(bodies.shape[1]))
+        ).shift
         z += (shift.change[shift.axes] / shift.std[shift.axes]).tolist()
     assert len(z) >= 100 and 0.8 < np.sqrt(np.mean(np.square(z))) < 1.2
 
@@ -326,7 +396,10 @@ def test_what_is_known_of_the_link_sharpens_the_payload_alone() -> None:
     assert wide.apart is not None and known.apart is not None and wide.balance is not None
     assert wide.apart.shift.std.max() > 10 * known.apart.shift.std.max()
     assert wide.apart.std_if_known == pytest.approx(known.apart.shift.std.max())
-    assert "if the gimbal is known" in wide.apart.sentence and "if the gimbal is known" not in known.apart.sentence
+    assert (
+        "if the gimbal is known" in wide.apart.sentence
+        and "if the gimbal is known" not in known.apart.sentence
+    )
     stated = compare_payload(identify(rig, [log]), wide.apart.stated).balance
     same = compare_payload(identify(trust(rig), [log]), wide.apart.stated).balance
     assert stated is not None and same is not None

@@ -15,7 +15,14 @@ from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import Cogging, PayloadMass, PayloadShift, parse_effect
 from gimbal_pin.errors import ModelError, UsageError
-from gimbal_pin.identification import Identified, Several, given_beta, identify, identify_new, identify_several
+from gimbal_pin.identification import (
+    Identified,
+    Several,
+    given_beta,
+    identify,
+    identify_new,
+    identify_several,
+)
 from gimbal_pin.identification.payloads import CarrierEstimate, get_stated_payload
 from gimbal_pin.log import Array, Log, read_log, write_log
 from gimbal_pin.regression import Filtering
@@ -106,7 +113,9 @@ def new_camera(name: str, known: Identified, record, filtering: Filtering):  # t
     mine = slice(10 * own.body, 10 * own.body + 10)
     truth = own.shown(get_stated_payload(reference) + true.phi[mine] - reference.phi[mine])
     away = camera.value - truth
-    return {unit: share(away, truth, camera.units, unit) for unit in ("kg m", "kg m^2")}, away / camera.std
+    return {
+        unit: share(away, truth, camera.units, unit) for unit in ("kg m", "kg m^2")
+    }, away / camera.std
 
 
 def share(away: Array, truth: Array, units: Sequence[str], unit: str) -> float:
@@ -118,7 +127,9 @@ def share(away: Array, truth: Array, units: Sequence[str], unit: str) -> float:
 def test_a_camera_whose_urdf_is_wrong_is_balanced_by_the_mass_that_was_found() -> None:
     known = several("handheld", ("mirrorless", "cinema")).first
     right = Rig.load("handheld", "zoom-lens")
-    found = identify_new(Rig.load("handheld", "mirrorless"), [log_of(right, 9, 10.0)], known.model, filtering=ALIGNED)
+    found = identify_new(
+        Rig.load("handheld", "mirrorless"), [log_of(right, 9, 10.0)], known.model, filtering=ALIGNED
+    )
     told = found.to_dict()["balance"]
     true = (
         right.phi[10 * CarrierEstimate.of(right, known.reduction).body]
@@ -131,13 +142,17 @@ def test_the_known_camera_itself_is_found_as_it_was() -> None:
     """Slid, or put back: nothing, or next to nothing, is then left of the torque for it to differ by."""
     known = several("handheld", ("mirrorless", "cinema")).first
     rig = Rig.load("handheld", "mirrorless")
-    camera = identify_new(rig, [log_of(rig, 9, 10.0)], known.model, filtering=ALIGNED).cameras["mirrorless"]
+    camera = identify_new(rig, [log_of(rig, 9, 10.0)], known.model, filtering=ALIGNED).cameras[
+        "mirrorless"
+    ]
     assert np.abs((camera.value - camera.urdf) / camera.std).max() < 4
 
 
 @pytest.mark.parametrize("name", ["turret", "handheld"])
 @pytest.mark.parametrize("extra", [0.0, 0.05])
-def test_a_camera_is_placed_relative_to_the_first_wherever_that_really_is(name: str, extra: float) -> None:
+def test_a_camera_is_placed_relative_to_the_first_wherever_that_really_is(
+    name: str, extra: float
+) -> None:
     """The first one's URDF is lent for the new one, and wrong: the way from one to the other shows all the same."""
     rig = Rig.load(name, "mirrorless")
     z = []
@@ -145,18 +160,29 @@ def test_a_camera_is_placed_relative_to_the_first_wherever_that_really_is(name: 
     for seed in range(4):
         away, way = np.random.default_rng(seed).uniform(-0.01, 0.01, (2, 3))
         first, second = (PayloadShift(*x.tolist()) for x in (away, away + way))
-        known = identify(rig, [log_of(first.apply(rig), seed)], filtering=ALIGNED, holdout="none").model
+        known = identify(
+            rig, [log_of(first.apply(rig), seed)], filtering=ALIGNED, holdout="none"
+        ).model
         moved = PayloadMass(extra).apply(second.apply(rig)) if extra else second.apply(rig)
         several = identify_new(rig, [log_of(moved, seed + 9, 10.0)], known, filtering=ALIGNED)
         (told,) = replace(several, mass=weighed).payloads.values()
-        assert told.apart is not None and told.beside is not None and told.beside.sentence in told.lines
+        assert (
+            told.apart is not None
+            and told.beside is not None
+            and told.beside.sentence in told.lines
+        )
         assert told.beside.masses == pytest.approx((weighed, weighed - extra))
         shown = np.array(told.beside.shift.axes)
         std = told.beside.shift.std
         z += ((told.beside.shift.change - way)[shown] / std[shown]).tolist()
-        assert extra or std.max() < 1e-4, "with equal masses it is as sharp as the logs, whoever carries the camera"
+        assert extra or std.max() < 1e-4, (
+            "with equal masses it is as sharp as the logs, whoever carries the camera"
+        )
         row = told.to_dict()["relative_to_known"]
-        assert row["payload"] == "mirrorless" and [x is not None for x in row["com_mm"]] == shown.tolist()
+        assert (
+            row["payload"] == "mirrorless"
+            and [x is not None for x in row["com_mm"]] == shown.tolist()
+        )
     assert len(z) >= 8 and np.max(np.abs(z)) < 4 and np.sqrt(np.mean(np.square(z))) < 1.7
 
 
@@ -168,7 +194,9 @@ def test_nothing_is_relative_to_a_camera_that_is_as_its_urdf_says_or_is_not_ther
         log = log_of(PayloadShift(0.004, 0.0, 0.0).apply(rig), 9, 10.0)
         (told,) = identify_new(rig, [log], before, filtering=ALIGNED).payloads.values()
         assert told.beside is None and "relative_to_known" not in told.to_dict()
-        assert told.apart is not None and told.apart.shift.change[0] == pytest.approx(0.004, abs=1e-4)
+        assert told.apart is not None and told.apart.shift.change[0] == pytest.approx(
+            0.004, abs=1e-4
+        )
 
 
 def test_ten_seconds_do_in_closed_loop_too() -> None:
@@ -202,30 +230,47 @@ def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_pat
     for k, payload in enumerate(("mirrorless", "cinema", "zoom-lens")):
         log = log_of(Rig.load("turret", payload), k, 10.0 if payload == "zoom-lens" else 16.0)
         write_log(log, tmp_path / f"{payload}.csv")
-    tagged = [f"{tmp_path}/{payload}.csv@{payload}" for payload in ("mirrorless", "cinema", "zoom-lens")]
+    tagged = [
+        f"{tmp_path}/{payload}.csv@{payload}" for payload in ("mirrorless", "cinema", "zoom-lens")
+    ]
     model = tmp_path / "model.yaml"
     exact = ("--alignment", "0")
     both = result(run, "identify", "turret", *tagged[:2], *exact, "-o", model)
     cinema = both["payloads"]["cinema"]
-    assert set(both["payloads"]) == {"mirrorless", "cinema"} and cinema["held_out"]["how"] == "last third"
+    assert (
+        set(both["payloads"]) == {"mirrorless", "cinema"}
+        and cinema["held_out"]["how"] == "last third"
+    )
     assert cinema["balance"]["slide_mm"] and both["base_parameters"]
-    third = result(run, "identify", "turret", tagged[2], *exact, "--known", model)["payloads"]["zoom-lens"]
+    third = result(run, "identify", "turret", tagged[2], *exact, "--known", model)["payloads"][
+        "zoom-lens"
+    ]
     moment = {one["name"]: one["value"] for one in third["camera"]}
-    assert moment["camera.mx"] == pytest.approx(get_stated_payload(Rig.load("turret", "zoom-lens"))[1], rel=0.02)
+    assert moment["camera.mx"] == pytest.approx(
+        get_stated_payload(Rig.load("turret", "zoom-lens"))[1], rel=0.02
+    )
     refused(run("identify", "turret", tagged[0], f"{tmp_path}/cinema.csv"), 2, "tag each of them")
     urdf = tmp_path / "new.urdf"
-    again = result(run, "identify", "turret", tagged[2], *exact, "--known", model, "--urdf", urdf, "--refit")
+    again = result(
+        run, "identify", "turret", tagged[2], *exact, "--known", model, "--urdf", urdf, "--refit"
+    )
     assert again["held_out"]["how"] == "last third" and again["samples"] == third["samples"]
-    assert again["base_parameters"] == third["base_parameters"] and any("all data" in note for note in again["notes"])
+    assert again["base_parameters"] == third["base_parameters"] and any(
+        "all data" in note for note in again["notes"]
+    )
     written = Rig.load(urdf)
     true = Rig.load("turret", "zoom-lens")
     reduction = reduce_parameters(true)
     scale = np.abs(given_beta(true, reduction)) + 1e-2
-    assert np.all(np.abs(given_beta(written, reduction) - given_beta(true, reduction)) < 0.05 * scale)
+    assert np.all(
+        np.abs(given_beta(written, reduction) - given_beta(true, reduction)) < 0.05 * scale
+    )
     refused(run("identify", "turret", *tagged[:2], *exact, "--urdf", urdf), 2, "--urdf")
 
 
-def test_the_first_camera_of_a_known_gimbal_may_be_a_file_that_no_yaml_names(run: Run, tmp_path: Path) -> None:
+def test_the_first_camera_of_a_known_gimbal_may_be_a_file_that_no_yaml_names(
+    run: Run, tmp_path: Path
+) -> None:
     """By its file beside the model, or given for the new log, the same is found as where the rig's YAML names it."""
     for name, payload in (("first", "mirrorless"), ("second", "cinema")):
         (tmp_path / f"{name}.urdf").write_text(Path(find_payload(payload)).read_text())
@@ -237,7 +282,11 @@ def test_the_first_camera_of_a_known_gimbal_may_be_a_file_that_no_yaml_names(run
     shown = [x for x in own["given_model"]["camera"]["com_mm"] if x is not None]
     assert len(shown) == 2 and shown == pytest.approx([0.0, 0.0], abs=0.1)
     (tmp_path / "first.urdf").unlink()
-    refused(run("identify", "turret", f"{second}@{tmp_path}/second.urdf", "--known", model), 2, "payload first")
+    refused(
+        run("identify", "turret", f"{second}@{tmp_path}/second.urdf", "--known", model),
+        2,
+        "payload first",
+    )
 
 
 def test_a_model_of_several_payloads_is_read_for_the_mounted_one(tmp_path: Path) -> None:
@@ -257,7 +306,10 @@ def toothed() -> Several:
     """Two cameras on a gimbal with five teeth per turn at a joint, of which the model has none."""
     name, teeth = "turret", "cogging:tilt:amplitude=0.1,harmonic=5"
     rigs = {payload: Rig.load(name, payload) for payload in ("mirrorless", "cinema")}
-    plants = {payload: plant_with(nominal(rig), [parse_effect(teeth, rig)]).plant for payload, rig in rigs.items()}
+    plants = {
+        payload: plant_with(nominal(rig), [parse_effect(teeth, rig)]).plant
+        for payload, rig in rigs.items()
+    }
     logs = {
         payload: [prescribed(plant, 10 + k, 60.0, torque_noise=0.01, dt=4e-3)]
         for k, (payload, plant) in enumerate(plants.items())
@@ -274,7 +326,9 @@ def test_deviations_of_several_cameras_hold_what_the_model_lacks() -> None:
     camera = found.cameras["cinema"]
     true = np.concatenate([given_beta(rig, first.reduction), rig.friction.ravel()])
     own = own_of(found).shown(get_stated_payload(Rig.load(name, "cinema")))
-    z = np.concatenate([(first.estimate.theta - true) / first.estimate.std, (camera.value - own) / camera.std])
+    z = np.concatenate(
+        [(first.estimate.theta - true) / first.estimate.std, (camera.value - own) / camera.std]
+    )
     assert np.abs(z).max() < 4 and 0.4 < np.sqrt(np.mean(z**2)) < 1.3
 
 
@@ -335,43 +389,69 @@ def test_a_camera_is_no_surer_than_the_one_that_it_is_measured_against(whole: bo
     rig = Rig.load("turret", "zoom-lens")
     logs = [log_of(PayloadShift(0.004, -0.003, 0.002).apply(reference), 1)], [log_of(rig, 2)]
     if whole:
-        pairs = dict(zip(("mirrorless", "zoom-lens"), (reference, rig))), dict(zip(("mirrorless", "zoom-lens"), logs))
+        pairs = (
+            dict(zip(("mirrorless", "zoom-lens"), (reference, rig))),
+            dict(zip(("mirrorless", "zoom-lens"), logs)),
+        )
         found = identify_several(*pairs, filtering=ALIGNED)
     else:
-        found = identify_new(rig, logs[1], identify(reference, logs[0], filtering=ALIGNED).model, filtering=ALIGNED)
+        found = identify_new(
+            rig, logs[1], identify(reference, logs[0], filtering=ALIGNED).model, filtering=ALIGNED
+        )
     camera = found.cameras["zoom-lens"]
-    assert np.abs((camera.value - own_of(found).shown(get_stated_payload(rig))) / camera.std).max() < 4
+    assert (
+        np.abs((camera.value - own_of(found).shown(get_stated_payload(rig))) / camera.std).max() < 4
+    )
     assert any("with mirrorless is not as the URDFs say" in said for said in found.warnings)
     right = identify_new(
-        rig, logs[1], identify(reference, [log_of(reference, 1)], filtering=ALIGNED).model, filtering=ALIGNED
+        rig,
+        logs[1],
+        identify(reference, [log_of(reference, 1)], filtering=ALIGNED).model,
+        filtering=ALIGNED,
     )
     assert not any("URDFs say" in said for said in right.warnings)
 
 
-def test_a_swap_keeps_the_causes_that_were_found_with_the_first_camera(run: Run, tmp_path: Path) -> None:
+def test_a_swap_keeps_the_causes_that_were_found_with_the_first_camera(
+    run: Run, tmp_path: Path
+) -> None:
     """By --known of the extended model, and by --extended with both cameras; the teeth are then in the new model."""
     from gimbal_pin.identification import write_extended
 
     teeth = "cogging:tilt:amplitude=0.1,harmonic=7"
     for k, (payload, seconds) in enumerate({"mirrorless": 12.0, "cinema": 10.0}.items()):
-        plant = plant_with(nominal(rig := Rig.load("turret", payload)), [parse_effect(teeth, rig)]).plant
-        write_log(prescribed(plant, k, seconds, torque_noise=0.01, dt=4e-3), tmp_path / f"{payload}.csv")
+        plant = plant_with(
+            nominal(rig := Rig.load("turret", payload)), [parse_effect(teeth, rig)]
+        ).plant
+        write_log(
+            prescribed(plant, k, seconds, torque_noise=0.01, dt=4e-3), tmp_path / f"{payload}.csv"
+        )
     first, second = (f"{tmp_path}/{payload}.csv@{payload}" for payload in ("mirrorless", "cinema"))
     extended = tmp_path / "extended.yaml"
     exact = ("--alignment", "0")
     rig = Rig.load("turret", "mirrorless")
     log = read_log(tmp_path / "mirrorless.csv", rig)
-    write_extended(identify(rig, [log], [Cogging("tilt", (7.0,))], filtering=ALIGNED).model, extended)
-    swapped = result(run, "identify", "turret", second, *exact, "--known", extended, "-o", tmp_path / "new.yaml")
+    write_extended(
+        identify(rig, [log], [Cogging("tilt", (7.0,))], filtering=ALIGNED).model, extended
+    )
+    swapped = result(
+        run, "identify", "turret", second, *exact, "--known", extended, "-o", tmp_path / "new.yaml"
+    )
     both = result(run, "identify", "turret", first, second, *exact, "--extended", extended)
     for each in (swapped, both):
-        assert min(each["train"]["fit_percent"].values()) > 97 and not any("explained" in x for x in each["warnings"])
+        assert min(each["train"]["fit_percent"].values()) > 97 and not any(
+            "explained" in x for x in each["warnings"]
+        )
     true = get_stated_payload(Rig.load("turret", "cinema"))[1]
     for each in (swapped, both):
         moment = {one["name"]: one for one in each["payloads"]["cinema"]["camera"]}["camera.mx"]
         assert abs(moment["value"] - true) < 4 * moment["std"]
     refused(run("identify", "turret", second, *exact, "--known", tmp_path / "new.yaml"), 2, "twice")
-    refused(run("identify", "turret", second, "--known", extended, "--extended", extended), 2, "as --known")
+    refused(
+        run("identify", "turret", second, "--known", extended, "--extended", extended),
+        2,
+        "as --known",
+    )
 
 
 def test_auto_with_a_known_gimbal_says_what_identify_says(
@@ -380,17 +460,32 @@ def test_auto_with_a_known_gimbal_says_what_identify_says(
     """The camera and its place are as `identify --known` has them; what was known counts as found, and is kept."""
     from gimbal_pin.identification import write_extended
 
-    monkeypatch.setattr("gimbal_pin.report.pipeline.diagnose", partial(diagnose, causes={"cogging": Cogging}))
+    monkeypatch.setattr(
+        "gimbal_pin.report.pipeline.diagnose", partial(diagnose, causes={"cogging": Cogging})
+    )
     teeth = "cogging:tilt:amplitude=0.1,harmonic=7"
     for k, payload in enumerate(("mirrorless", "cinema")):
-        plant = plant_with(nominal(rig := Rig.load("turret", payload)), [parse_effect(teeth, rig)]).plant
-        write_log(prescribed(plant, k, 12.0, torque_noise=0.01, dt=4e-3), tmp_path / f"{payload}.csv")
+        plant = plant_with(
+            nominal(rig := Rig.load("turret", payload)), [parse_effect(teeth, rig)]
+        ).plant
+        write_log(
+            prescribed(plant, k, 12.0, torque_noise=0.01, dt=4e-3), tmp_path / f"{payload}.csv"
+        )
     rig = Rig.load("turret", "mirrorless")
     known = tmp_path / "known.yaml"
     out = tmp_path / "out"
     log = read_log(tmp_path / "mirrorless.csv", rig)
     write_extended(identify(rig, [log], [Cogging("tilt", (7.0,))], filtering=ALIGNED).model, known)
-    call = ("turret", f"{tmp_path}/cinema.csv@cinema", "--known", known, "--mass", "8.5", "--alignment", "0")
+    call = (
+        "turret",
+        f"{tmp_path}/cinema.csv@cinema",
+        "--known",
+        known,
+        "--mass",
+        "8.5",
+        "--alignment",
+        "0",
+    )
     found = result(run, "auto", *call, "-o", out, "--plants", "2")
     alone = result(run, "identify", *call)
     assert found["identify"] == alone
@@ -411,7 +506,9 @@ def test_an_inertia_under_zero_is_known_all_the_same(tmp_path: Path) -> None:
     rig = Rig.load("turret", "mirrorless")
     phi = found.model.rig.phi.copy()
     phi[9] -= 1.0
-    write_model(replace(found, model=replace(found.model, rig=rig.with_phi(phi))), tmp_path / "model.yaml")
+    write_model(
+        replace(found, model=replace(found.model, rig=rig.with_phi(phi))), tmp_path / "model.yaml"
+    )
     with pytest.raises(ModelError, match="not positive"):
         read_model(tmp_path / "model.yaml", rig)
     new = Rig.load("turret", "cinema")

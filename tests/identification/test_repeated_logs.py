@@ -38,7 +38,9 @@ def test_a_log_that_is_given_twice_counts_once(logs: list[Log], tmp_path: Path, 
     assert code == 0 and "b.csv" in err and "once" in err
 
 
-def test_a_known_model_of_the_same_log_is_refused(logs: list[Log], tmp_path: Path, run: Run) -> None:
+def test_a_known_model_of_the_same_log_is_refused(
+    logs: list[Log], tmp_path: Path, run: Run
+) -> None:
     """By its samples, whatever the file is called; another log of the gimbal is taken, and then counts, too."""
     rig = bundled("turret", "cinema")
     for name, log in zip(("a.csv", "copy.csv", "other.csv"), (logs[0], logs[0], logs[1])):

@@ -23,7 +23,9 @@ def counted(samples: int, dt: float, start: float = 0.0) -> Log:
 
 
 @given(st.integers(2, 9), st.floats(2.0, 30.0), st.floats(2.1, 9.0), st.floats(-1e3, 1e3))
-def test_stretches_stand_for_the_whole_log(count: int, used: float, times: float, shift: float) -> None:
+def test_stretches_stand_for_the_whole_log(
+    count: int, used: float, times: float, shift: float
+) -> None:
     """In order, apart, as long as asked, evenly over the log with both ends, wherever its clock starts."""
     dt = 0.005
     log, moved = (counted(round(times * used / dt) + count, dt, start) for start in (0.0, shift))
@@ -46,7 +48,10 @@ def test_a_short_log_is_looked_at_as_a_whole(samples: int) -> None:
 def test_what_is_left_out_of_a_long_log_is_a_pause() -> None:
     found = subsample_log(counted(130_000, 0.005))
     steps = np.diff(found.log.t)
-    assert np.all((steps < 0.006) | (steps > PAUSE)) and "8 segments of 15 s out of 10.8 min" in found.note
+    assert (
+        np.all((steps < 0.006) | (steps > PAUSE))
+        and "8 segments of 15 s out of 10.8 min" in found.note
+    )
 
 
 def test_a_chain_of_twenty_joints_gives_its_parameters_back() -> None:

@@ -26,7 +26,9 @@ from tests.bench_logs import EXACT, prescribed
 @pytest.fixture(scope="module")
 def found() -> Identified:
     rig = Rig.load("turret", "cinema")
-    return identify(rig, [prescribed(nominal(rig), 2, 12.0, torque_noise=0.1)], filtering=EXACT, holdout="none")
+    return identify(
+        rig, [prescribed(nominal(rig), 2, 12.0, torque_noise=0.1)], filtering=EXACT, holdout="none"
+    )
 
 
 # --- bodies -----------------------------------------------------------------------------------------------------------
@@ -59,7 +61,11 @@ def test_intervals_of_bodies_hold_the_truth() -> None:
         said = estimate_bodies(rig.links, rig.phi, phi, mixing, beta, np.diag(std**2), trust)
         for body, own in zip(said, true.reshape(-1, 10)):
             every = (body.mass, *body.com, *body.inertia)
-            hits += [abs(f.value - x) <= 1.96 * f.std for f, x in zip(every, compute_figures(own)) if f.std > 1e-12]
+            hits += [
+                abs(f.value - x) <= 1.96 * f.std
+                for f, x in zip(every, compute_figures(own))
+                if f.std > 1e-12
+            ]
     assert len(hits) > 150 and 0.90 < np.mean(hits) < 0.99
 
 
@@ -100,7 +106,12 @@ def test_slow_noise_makes_the_controllers_bound_larger_than_fast_noise_of_its_si
     rng = np.random.default_rng(0)
     told = []
     for pole in (0.0, 0.999):
-        noise = lfilter([np.sqrt(1 - pole**2)], [1.0, -pole], rng.standard_normal((len(log) + 5000, rig.n)), axis=0)
+        noise = lfilter(
+            [np.sqrt(1 - pole**2)],
+            [1.0, -pole],
+            rng.standard_normal((len(log) + 5000, rig.n)),
+            axis=0,
+        )
         loud = replace(log, tau=np.asarray(log.tau) + 0.02 * noise[5000:])
         told.append(bounds(identify(rig, [loud], filtering=EXACT).model, np.random.default_rng(0)))
     assert told[1].phi > 3 * told[0].phi and told[1].alpha > 2 * told[0].alpha

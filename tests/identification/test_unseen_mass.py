@@ -28,7 +28,10 @@ GIMBALS = {
         ("0 0 1", f"{np.cos(TILT):.8f} 0 {np.sin(TILT):.8f}", "0 1 0"),
         ("0 0 0.03", "-0.05 0 0.07", f"0.05 0.05 {0.05 * np.tan(TILT):.4f}"),
     ),
-    "orthogonal, roll 0.1 mm off": (("0 0 1", "1 0 0", "0 1 0"), ("0 0 0.03", "-0.05 0 0.07", "0.05 0.05 0.0001")),
+    "orthogonal, roll 0.1 mm off": (
+        ("0 0 1", "1 0 0", "0 1 0"),
+        ("0 0 0.03", "-0.05 0 0.07", "0.05 0.05 0.0001"),
+    ),
     "two axes": (("0 0 1", "0 1 0"), ("0 0 0.03", "0 0.06 0.07")),
 }
 """Axes and origins of gimbals whose axes meet, but for less than a log shows."""
@@ -58,7 +61,9 @@ def write_gimbal(folder: Path, name: str) -> Path:
             f'<origin xyz="0.03 0 0"/><parent link="{camera}_body"/><child link="camera"/></joint></robot>'
         )
     path = folder / "rig.yaml"
-    path.write_text("urdf: gimbal.urdf\nmount: camera_mount\ncamera_frame: camera\noptical_axis: x\n")
+    path.write_text(
+        "urdf: gimbal.urdf\nmount: camera_mount\ncamera_frame: camera\noptical_axis: x\n"
+    )
     return path
 
 
@@ -75,11 +80,17 @@ def record(rig: Rig, seed: int, seconds: float = 10.0, still: int | None = None)
     if still is not None:
         q[:, still], v[:, still], a[:, still] = 0.1, 0.0, 0.0
     tau = model.inverse(q, v, a)
-    noise = 0.02 * np.sqrt(np.mean(tau**2, axis=0)) * np.random.default_rng(seed + 1).standard_normal(tau.shape)
+    noise = (
+        0.02
+        * np.sqrt(np.mean(tau**2, axis=0))
+        * np.random.default_rng(seed + 1).standard_normal(tau.shape)
+    )
     return Log(f"log {seed}", rig.joints, motion.t, q, v, tau + noise)
 
 
-def find_second(folder: Path, name: str, seed: int, *, at_once: bool = False, still: int | None = None) -> Several:
+def find_second(
+    folder: Path, name: str, seed: int, *, at_once: bool = False, still: int | None = None
+) -> Several:
     """Return what two logs show of the second camera, by a known gimbal or by both cameras at once."""
     path = write_gimbal(folder, name)
     first, second = (Rig.load(path, folder / f"{camera}.urdf") for camera in ("first", "second"))
@@ -100,7 +111,9 @@ def compute_deviations(found: Several, mass: float | None) -> Array:
     std = apart.shift.std
     change = apart.shift.change
     assert shown[0]
-    if mass is None:  # the first moment is that of the stated mass: m c = m_0 c_0 + (m - m_0) a, see `per_mass`
+    if (
+        mass is None
+    ):  # the first moment is that of the stated mass: m c = m_0 c_0 + (m - m_0) a, see `per_mass`
         assert not apart.found_mass and np.abs(apart.per_mass).max() > 1e-3
         change = change + apart.per_mass * (MASS - apart.stated) * apart.stated / MASS
     return np.asarray((change - SHIFT)[shown] / std[shown])
@@ -110,7 +123,9 @@ def compute_deviations(found: Several, mass: float | None) -> Array:
 def test_the_place_is_a_function_of_a_mass_that_does_not_show(tmp_path: Path, name: str) -> None:
     """At the true mass, with and without `mass`, over seeds: within three deviations, which are not too wide."""
     for mass in (None, MASS):
-        z = np.concatenate([compute_deviations(find_second(tmp_path, name, seed), mass) for seed in range(3)])
+        z = np.concatenate(
+            [compute_deviations(find_second(tmp_path, name, seed), mass) for seed in range(3)]
+        )
         assert np.abs(z).max() < 3 and 0.1 < np.sqrt(np.mean(z**2)) < 1.6
 
 
@@ -118,11 +133,15 @@ def test_the_place_is_a_function_of_a_mass_that_does_not_show(tmp_path: Path, na
 def test_both_cameras_at_once_show_the_same(tmp_path: Path, name: str) -> None:
     found = find_second(tmp_path, name, 0, at_once=True)
     assert np.abs(compute_deviations(found, None)).max() < 3
-    assert any("camera.m" in note for note in found.identified["second"].notes) == (name != "two axes")
+    assert any("camera.m" in note for note in found.identified["second"].notes) == (
+        name != "two axes"
+    )
 
 
 @pytest.mark.parametrize("at_once", [False, True])
-@pytest.mark.parametrize(("name", "still"), [("concentric at a fixed tilt", 1), ("two axes", 0), ("two axes", 1)])
+@pytest.mark.parametrize(
+    ("name", "still"), [("concentric at a fixed tilt", 1), ("two axes", 0), ("two axes", 1)]
+)
 def test_a_joint_that_stands_still_hides_only_what_it_hides(
     tmp_path: Path, name: str, still: int, at_once: bool
 ) -> None:
@@ -149,9 +168,21 @@ def test_the_command_line_takes_the_weighed_mass(run: Run, tmp_path: Path) -> No
         loaded = Rig.load(rig, tmp_path / f"{camera}.urdf")
         write_log(record(change_second(loaded) if k else loaded, k), tmp_path / f"{camera}.csv")
     exact = ("--alignment", "0")
-    result(run, "identify", rig, f"{tmp_path}/first.csv", "--payload", tmp_path / "first.urdf", *exact, "-o", model)
+    result(
+        run,
+        "identify",
+        rig,
+        f"{tmp_path}/first.csv",
+        "--payload",
+        tmp_path / "first.urdf",
+        *exact,
+        "-o",
+        model,
+    )
     second = f"{tmp_path}/second.csv@{tmp_path}/second.urdf"
-    (found,) = result(run, "identify", rig, second, *exact, "--known", model, "--mass", str(MASS))["payloads"].values()
+    (found,) = result(run, "identify", rig, second, *exact, "--known", model, "--mass", str(MASS))[
+        "payloads"
+    ].values()
     row = found["given_model"]["camera"]
     assert row["weighed"] and row["mass"] == pytest.approx(1e3 * (MASS - 0.26))
     for value, std, true in zip(row["com_mm"], row["com_std_mm"], 1e3 * SHIFT):

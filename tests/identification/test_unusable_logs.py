@@ -22,7 +22,16 @@ from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Cogging
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.identification import Online, identify
-from gimbal_pin.log import PLAUSIBLE_RANGES, Array, Imu, Log, log_columns, read_log, read_mapping, write_log
+from gimbal_pin.log import (
+    PLAUSIBLE_RANGES,
+    Array,
+    Imu,
+    Log,
+    log_columns,
+    read_log,
+    read_mapping,
+    write_log,
+)
 from gimbal_pin.log.io.csv import write_csv
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig
@@ -41,7 +50,14 @@ def recorded(rig: Rig, seed: int, seconds: float = 14.0) -> Log:
     q, v, t = (x[::2][: len(tau)] for x in (motion.q, motion.v, motion.t))
     tau = tau + 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
     step = 2 * np.pi / 2**16
-    return Log(f"{seed}", rig.joints, t, step * np.round(q / step), v + 1e-3 * rng.standard_normal(v.shape), tau)
+    return Log(
+        f"{seed}",
+        rig.joints,
+        t,
+        step * np.round(q / step),
+        v + 1e-3 * rng.standard_normal(v.shape),
+        tau,
+    )
 
 
 def noise(like: Array, size: float) -> Array:
@@ -61,10 +77,14 @@ KINDS: dict[str, Callable[[Rig], list[Log]]] = {
     "only the first joint moves": lambda rig: [held(recorded(rig, 1), slice(1, None))],
     "only the last joint moves": lambda rig: [held(recorded(rig, 1), slice(0, -1))],
     "noise everywhere": lambda rig: [
-        replace(log, q=noise(log.q, 0.5), v=noise(log.q, 1.0), tau=noise(log.q, 1.0)) for log in [recorded(rig, 1)]
+        replace(log, q=noise(log.q, 0.5), v=noise(log.q, 1.0), tau=noise(log.q, 1.0))
+        for log in [recorded(rig, 1)]
     ],
     "a rig that never moved": lambda rig: [held(recorded(rig, 1), slice(None))],
-    "a second log that never moved": lambda rig: [recorded(rig, 1), held(recorded(rig, 2), slice(None))],
+    "a second log that never moved": lambda rig: [
+        recorded(rig, 1),
+        held(recorded(rig, 2), slice(None)),
+    ],
     "a second log of one second": lambda rig: [recorded(rig, 1), recorded(rig, 2, 1.0)],
     "two payloads": lambda rig: [
         recorded(Rig.load(rig.name, payload), k) for k, payload in enumerate(PAYLOADS[rig.name])
@@ -75,7 +95,9 @@ SPOILT = {"two payloads": "logs-disagree"}
 
 
 @pytest.mark.parametrize(("name", "kind"), list(zip(cycle(PAYLOADS), KINDS)))
-def test_what_cannot_be_answered_is_never_named(run: Run, name: str, kind: str, tmp_path: Path) -> None:
+def test_what_cannot_be_answered_is_never_named(
+    run: Run, name: str, kind: str, tmp_path: Path
+) -> None:
     """Refused with one line that names a log or the logs, or the verdict is data; no finding of physics."""
     files = [tmp_path / f"{k}.csv" for k in range(2)]
     logs = KINDS[kind](Rig.load(name))
@@ -96,7 +118,11 @@ def test_what_cannot_be_answered_is_never_named(run: Run, name: str, kind: str, 
 
 
 MIXED: dict[str, tuple[str, Callable[[Array], Array], str]] = {
-    "a sign": ("thesis", lambda tau: tau * [1, -1, 1], r"tau_roll has the wrong sign.*--map tau_roll=-tau_roll"),
+    "a sign": (
+        "thesis",
+        lambda tau: tau * [1, -1, 1],
+        r"tau_roll has the wrong sign.*--map tau_roll=-tau_roll",
+    ),
     "all signs": ("turret", lambda tau: -tau, "tau_pan and tau_tilt have the wrong sign"),
     "two columns": (
         "turret",
@@ -161,14 +187,23 @@ def test_a_value_of_any_size_is_answered_or_refused_in_one_line(
     assert code in (0, 2, 3) and len(told) == (code != 0) and all(len(line) <= 300 for line in told)
     if not PLAUSIBLE_RANGES[channel].lower <= value <= PLAUSIBLE_RANGES[channel].upper:
         prefix = {"q": "q", "v": "dq", "tau": "tau"}[channel]
-        assert code == 2 and f"x.csv:{rows.start + 2} column '{prefix}_tilt': is {value!r}" in told[0]
+        assert (
+            code == 2 and f"x.csv:{rows.start + 2} column '{prefix}_tilt': is {value!r}" in told[0]
+        )
 
 
-WIDTHS = {"gyro": 3, "accel": 3, "quat": 4, **dict.fromkeys(("q", "v", "tau", "q_ref", "temperature"), 2)}
+WIDTHS = {
+    "gyro": 3,
+    "accel": 3,
+    "quat": 4,
+    **dict.fromkeys(("q", "v", "tau", "q_ref", "temperature"), 2),
+}
 
 
 @pytest.mark.parametrize("channel", WIDTHS)
-@given(times=st.floats(1.0, 1e100, exclude_min=True), row=st.integers(0, 4), column=st.integers(0, 1))
+@given(
+    times=st.floats(1.0, 1e100, exclude_min=True), row=st.integers(0, 4), column=st.integers(0, 1)
+)
 def test_a_log_that_is_made_holds_nothing_that_no_machine_has(
     channel: str, times: float, row: int, column: int
 ) -> None:
@@ -180,7 +215,9 @@ def test_a_log_that_is_made_holds_nothing_that_no_machine_has(
         values[row, column] = value
         if channel in ("gyro", "accel", "quat"):
             return Imu(**{channel: values})
-        return Log("made", ("pan", "tilt"), np.arange(5.0), **{"q": np.zeros((5, 2)), channel: values})
+        return Log(
+            "made", ("pan", "tilt"), np.arange(5.0), **{"q": np.zeros((5, 2)), channel: values}
+        )
 
     assert made(reach.upper) and made(reach.lower)
     for value in (times * reach.upper, times * reach.lower, np.inf, np.nan):
@@ -211,7 +248,11 @@ def test_a_torque_that_is_missing_is_no_measurement_of_zero(run: Run, tmp_path: 
     write_log(replace(log, tau=tau), tmp_path / "log.csv")
     for more in ((), ("--follow", "--idle", "0")):
         code, _, err = run("identify", "turret", str(tmp_path / "log.csv"), *more)
-        refused((code, "", err), 3, f"tau_{rig.joints[1]} is zero all along, while {rig.joints[1]} moves")
+        refused(
+            (code, "", err),
+            3,
+            f"tau_{rig.joints[1]} is zero all along, while {rig.joints[1]} moves",
+        )
 
 
 def test_a_rate_of_one_value_is_the_angles_derivative(run: Run, tmp_path: Path) -> None:
@@ -221,28 +262,47 @@ def test_a_rate_of_one_value_is_the_angles_derivative(run: Run, tmp_path: Path) 
     assert log.v is not None
     none = replace(log, v=np.zeros_like(log.v))
     for filtering in (Filtering(), Filtering(cutoff=10.0)):
-        without, empty = (identify(rig, [one], filtering=filtering) for one in (replace(log, v=None), none))
+        without, empty = (
+            identify(rig, [one], filtering=filtering) for one in (replace(log, v=None), none)
+        )
         assert np.allclose(
-            empty.estimate.theta, without.estimate.theta, atol=1e-6 * np.abs(without.estimate.theta).max()
+            empty.estimate.theta,
+            without.estimate.theta,
+            atol=1e-6 * np.abs(without.estimate.theta).max(),
         )
     online = Online.of(rig)
-    found = [online.estimate(online.advance(online.start(), one)).theta for one in (replace(log, v=None), none)]
+    found = [
+        online.estimate(online.advance(online.start(), one)).theta
+        for one in (replace(log, v=None), none)
+    ]
     assert np.allclose(*found, atol=1e-2 * np.abs(found[0]).max())
 
 
-def test_what_was_learned_before_a_value_that_no_machine_has_is_kept(run: Run, tmp_path: Path) -> None:
+def test_what_was_learned_before_a_value_that_no_machine_has_is_kept(
+    run: Run, tmp_path: Path
+) -> None:
     log = recorded(Rig.load("turret"), 1)
     (tmp_path / "x.csv").write_text(spoilt(log, "tau", 1e300, slice(len(log) - ROW, None)))
     model = tmp_path / "model.yaml"
-    code, _, err = run("identify", "turret", tmp_path / "x.csv", "--follow", "--idle", "0", "-o", model)
+    code, _, err = run(
+        "identify", "turret", tmp_path / "x.csv", "--follow", "--idle", "0", "-o", model
+    )
     assert code == 0 and not err and model.is_file()
-    refused(run("identify", "turret", tmp_path / "x.csv"), 2, f"x.csv:{len(log) - ROW + 2} column 'tau_tilt'")
+    refused(
+        run("identify", "turret", tmp_path / "x.csv"),
+        2,
+        f"x.csv:{len(log) - ROW + 2} column 'tau_tilt'",
+    )
 
 
 def test_diagnosis_names_a_column_before_any_cause(run: Run, tmp_path: Path) -> None:
     log = recorded(Rig.load("turret"), 3)
     write_log(replace(log, tau=np.asarray(log.tau)[:, ::-1]), tmp_path / "x.csv")
-    refused(run("diagnose", "turret", tmp_path / "x.csv"), 2, "tau_pan and tau_tilt hold each other's torque")
+    refused(
+        run("diagnose", "turret", tmp_path / "x.csv"),
+        2,
+        "tau_pan and tau_tilt hold each other's torque",
+    )
 
 
 def delayed(log: Log, by: float) -> Log:
@@ -268,15 +328,23 @@ def test_a_torque_that_is_far_too_late_is_refused_and_its_time_is_told(
     assert run("diagnose", name, tmp_path / "x.csv", "--json", tmp_path / "x.json")[0] == 0
     said = json.loads((tmp_path / "x.json").read_text())
     assert said["verdict"] == "data" and [one["cause"] for one in said["findings"]] == ["clock"]
-    assert abs(said["findings"][0]["parameters"]["late"]["value"] - by) < 3e-3 and said["residual"] == {}
+    assert (
+        abs(said["findings"][0]["parameters"]["late"]["value"] - by) < 3e-3
+        and said["residual"] == {}
+    )
 
 
 @pytest.mark.parametrize("name", ["turret", "ptu"])
 def test_a_torque_a_little_late_is_said_and_one_in_time_is_not(name: str) -> None:
     rig = Rig.load(name)
     log = recorded(rig, 2)
-    notes = {by: identify(rig, [delayed(log, by)], holdout="none").notes for by in (-0.02, 0.0, 0.004, 0.014)}
-    assert not notes[-0.02] and not notes[0.0] and not notes[0.004]  # a drive's delay is no fault of the log
+    notes = {
+        by: identify(rig, [delayed(log, by)], holdout="none").notes
+        for by in (-0.02, 0.0, 0.004, 0.014)
+    }
+    assert (
+        not notes[-0.02] and not notes[0.0] and not notes[0.004]
+    )  # a drive's delay is no fault of the log
     seen = any("ms late" in note for note in notes[0.014])
     assert seen == (name != "ptu")  # whose friction hides what its inertia takes
 
@@ -298,7 +366,9 @@ def test_where_a_motion_does_not_say_when_its_torque_acts_nothing_is_refused(kin
 
 
 @pytest.mark.parametrize("known", [False, True])
-def test_a_late_torque_of_one_of_several_cameras_is_refused(run: Run, known: bool, tmp_path: Path) -> None:
+def test_a_late_torque_of_one_of_several_cameras_is_refused(
+    run: Run, known: bool, tmp_path: Path
+) -> None:
     """Or of a new camera on a gimbal that is known."""
     logs = [tmp_path / f"{camera}.csv" for camera in PAYLOADS["turret"]]
     for log, camera, by in zip(logs, PAYLOADS["turret"], (0.0, 0.1)):
@@ -309,11 +379,20 @@ def test_a_late_torque_of_one_of_several_cameras_is_refused(run: Run, known: boo
         assert run("identify", "turret", first, "-o", model)[0] == 0
         refused(run("identify", "turret", second, "--known", model), 2, "ms late", "--alignment")
     else:
-        refused(run("identify", "turret", first, second), 2, f"{PAYLOADS['turret'][1]}.csv", "ms late", "--alignment")
+        refused(
+            run("identify", "turret", first, second),
+            2,
+            f"{PAYLOADS['turret'][1]}.csv",
+            "ms late",
+            "--alignment",
+        )
 
 
 MISREAD: dict[str, tuple[str, Callable[[dict[str, Array]], dict[str, Array]]]] = {
-    "another unit": ("drone", lambda x: {key: 1e3 * x[key] if "tau" in key else x[key] for key in x}),
+    "another unit": (
+        "drone",
+        lambda x: {key: 1e3 * x[key] if "tau" in key else x[key] for key in x},
+    ),
     "two torques": ("turret", lambda x: {**x, "tau_pan": x["tau_tilt"], "tau_tilt": x["tau_pan"]}),
     "two joints": ("thesis", lambda x: turned_round(x, ["yaw", "roll"])),
 }
@@ -323,7 +402,10 @@ def turned_round(columns: dict[str, Array], joints: list[str]) -> dict[str, Arra
     """Each joint has the columns of the next."""
     kinds = ("q", "dq", "tau")
     pairs = list(zip(joints, joints[1:] + joints[:1]))
-    return {**columns, **{f"{kind}_{to}": columns[f"{kind}_{of}"] for kind in kinds for to, of in pairs}}
+    return {
+        **columns,
+        **{f"{kind}_{to}": columns[f"{kind}_{of}"] for kind in kinds for to, of in pairs},
+    }
 
 
 def printed(err: str) -> list[str]:
@@ -333,13 +415,17 @@ def printed(err: str) -> list[str]:
 
 
 @pytest.mark.parametrize("kind", MISREAD)
-def test_the_map_that_is_printed_mends_a_log_of_foreign_headers(run: Run, kind: str, tmp_path: Path) -> None:
+def test_the_map_that_is_printed_mends_a_log_of_foreign_headers(
+    run: Run, kind: str, tmp_path: Path
+) -> None:
     """Every column has a name, unit and sign of its own, which a mapping states; the printed one comes after it."""
     name, misread = MISREAD[kind]
     columns = misread(log_columns(recorded(Rig.load(name), 3)))
     factors = {key: 0.5 * (-1.0) ** k if k else 1.0 for k, key in enumerate(columns)}
     heads = {key: f"axis {k} {key.split('_')[0]}*" for k, key in enumerate(columns)}
-    write_csv({heads[key]: values / factors[key] for key, values in columns.items()}, tmp_path / "x.csv")
+    write_csv(
+        {heads[key]: values / factors[key] for key, values in columns.items()}, tmp_path / "x.csv"
+    )
     maps = [f'--map={key}="{heads[key]}"*{factors[key]}' for key in columns]
     code, _, err = run("identify", name, tmp_path / "x.csv", *maps)
     assert code == 2 and all("note: " in line for line in err.splitlines()[:-1])
@@ -352,19 +438,26 @@ def test_a_log_keeps_what_its_columns_were_read_from(tmp_path: Path) -> None:
     write_log(log, tmp_path / "x.csv")
     maps = {"tau_pan": "tau_tilt*-2", "tau_tilt": "tau_pan*pi/180"}
     read = read_log(tmp_path / "x.csv", rig, maps)
-    for one in (read, read.part(slice(0, 9)), replace(read, v=None), pickle.loads(pickle.dumps(read))):
+    for one in (
+        read,
+        read.part(slice(0, 9)),
+        replace(read, v=None),
+        pickle.loads(pickle.dumps(read)),
+    ):
         assert one.remapped({"tau_pan": ("tau_pan", -1.0), "q_pan": ("q_tilt", "pi/180")}) == (
             "--map 'tau_pan=tau_tilt*2' --map 'q_pan=q_tilt*pi/180'"
         )
-        assert read_mapping([f"tau_tilt={one.sources['tau_tilt'].times(1.0)}"])["tau_tilt"].factor == pytest.approx(
-            np.pi / 180
-        )
+        assert read_mapping([f"tau_tilt={one.sources['tau_tilt'].times(1.0)}"])[
+            "tau_tilt"
+        ].factor == pytest.approx(np.pi / 180)
     assert not log.sources
 
 
 def permuted(log: Log, order: list[int]) -> Log:
     """Each joint has the angle, rate and torque of another."""
-    return replace(log, **{name: np.asarray(getattr(log, name))[:, order] for name in ("q", "v", "tau")})
+    return replace(
+        log, **{name: np.asarray(getattr(log, name))[:, order] for name in ("q", "v", "tau")}
+    )
 
 
 @pytest.mark.parametrize(("name", "order"), [("thesis", [1, 0, 2])])
@@ -380,7 +473,9 @@ def test_joints_that_have_changed_places_are_told_with_the_map_that_puts_them_ri
     assert run("identify", name, tmp_path / "x.csv", *printed(error))[0] == 0
     assert run("diagnose", name, tmp_path / "x.csv", "--json", tmp_path / "x.json")[0] == 0
     said = json.loads((tmp_path / "x.json").read_text())
-    assert said["verdict"] == "data" and [one["cause"] for one in said["findings"]] == ["logs-disagree"]
+    assert said["verdict"] == "data" and [one["cause"] for one in said["findings"]] == [
+        "logs-disagree"
+    ]
     assert "have changed places" in said["findings"][0]["sentence"] and said["residual"] == {}
 
 
@@ -398,7 +493,9 @@ def test_joints_that_could_change_places_are_not_said_to_have(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])
-def test_a_joint_that_its_reference_holds_still_is_no_error(run: Run, verb: str, tmp_path: Path) -> None:
+def test_a_joint_that_its_reference_holds_still_is_no_error(
+    run: Run, verb: str, tmp_path: Path
+) -> None:
     """The others are answered for; a joint that was asked to move, and did not, shows nothing of itself."""
     rig = Rig.load("turret")
     log = held(recorded(rig, 1), slice(1, None))
@@ -411,7 +508,9 @@ def test_a_joint_that_its_reference_holds_still_is_no_error(run: Run, verb: str,
     write_log(still, tmp_path / "held.csv")
     code, _, err = run(verb, "turret", tmp_path / "held.csv", "--alignment=0", "--json", out)
     said = json.loads(out.read_text())
-    assert code == 0 and "at rest, as their references ask, and not excited" in err and "tilt" in err
+    assert (
+        code == 0 and "at rest, as their references ask, and not excited" in err and "tilt" in err
+    )
     joints = said["train"]["fit_percent"] if verb == "identify" else said["residual"]
     assert list(joints) == ["pan"]
     write_log(replace(still, q_ref=recorded(rig, 1).q), tmp_path / "stuck.csv")
@@ -429,12 +528,19 @@ def test_a_joint_that_wobbles_where_it_should_rest_is_not_excited() -> None:
     few = {"cogging": Cogging}
     with pytest.raises(DataError, match="nothing to do with the motion of: tilt"):
         diagnose(rig, [wobbling], few, rng=np.random.default_rng(0))
-    said = diagnose(rig, [replace(wobbling, q_ref=q[:1].repeat(len(q), axis=0))], few, rng=np.random.default_rng(0))
+    said = diagnose(
+        rig,
+        [replace(wobbling, q_ref=q[:1].repeat(len(q), axis=0))],
+        few,
+        rng=np.random.default_rng(0),
+    )
     assert any("tilt: not excited" in note for note in said.notes)
 
 
 @pytest.mark.parametrize("more", [[], ["--cutoff", "0.2"], ["--follow", "--idle", "0"]])
-def test_milliseconds_are_refused_whatever_the_cutoff(run: Run, tmp_path: Path, more: list[str]) -> None:
+def test_milliseconds_are_refused_whatever_the_cutoff(
+    run: Run, tmp_path: Path, more: list[str]
+) -> None:
     log = recorded(Rig.load("turret"), 3, 3.0)
     write_log(replace(log, t=1e3 * log.t, v=None), tmp_path / "x.csv")
     code, _, err = run("identify", "turret", tmp_path / "x.csv", *more)

@@ -33,18 +33,33 @@ def npz(stated: int) -> bytes:
     name = b"t.npy"
     sizes = struct.pack("<HHHHHIIIHH", 20, 0, 8, 0, 0, 0, len(content), stated, len(name), 0)
     local = b"PK\x03\x04" + sizes + name + content
-    central = b"PK\x01\x02" + struct.pack("<H", 20) + sizes + struct.pack("<HHHII", 0, 0, 0, 0, 0) + name
-    return local + central + struct.pack("<4sHHHHIIH", b"PK\x05\x06", 0, 0, 1, 1, len(central), len(local), 0)
+    central = (
+        b"PK\x01\x02" + struct.pack("<H", 20) + sizes + struct.pack("<HHHII", 0, 0, 0, 0, 0) + name
+    )
+    return (
+        local
+        + central
+        + struct.pack("<4sHHHHIIH", b"PK\x05\x06", 0, 0, 1, 1, len(central), len(local), 0)
+    )
 
 
 def mat() -> bytes:
     """MATLAB's version 5: one packed array of 2 GiB, half of what its sizes can state."""
     count = 128 * BLOCK // 8
-    parts = struct.pack("<IIII", 6, 8, 6, 0) + struct.pack("<IIii", 5, 8, count, 1) + struct.pack("<HH4s", 1, 1, b"t")
+    parts = (
+        struct.pack("<IIII", 6, 8, 6, 0)
+        + struct.pack("<IIii", 5, 8, count, 1)
+        + struct.pack("<HH4s", 1, 1, b"t")
+    )
     parts += struct.pack("<II", 9, 8 * count)
     inner = struct.pack("<II", 14, len(parts) + 8 * count) + parts
     content = b"\x78\x9c" + deflated(128, inner) + bytes(4)
-    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + struct.pack("<II", 15, len(content)) + content
+    return (
+        b"MATLAB 5.0 MAT-file".ljust(124)
+        + b"\0\1IM"
+        + struct.pack("<II", 15, len(content))
+        + content
+    )
 
 
 def hdf5() -> bytes:

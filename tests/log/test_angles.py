@@ -23,7 +23,9 @@ TURN = 2 * np.pi
 @pytest.fixture(scope="module")
 def free() -> Rig:
     """A turret whose pan has no stops."""
-    return spelled(bundled("turret").urdf.replace('name="pan" type="revolute"', 'name="pan" type="continuous"'))
+    return spelled(
+        bundled("turret").urdf.replace('name="pan" type="revolute"', 'name="pan" type="continuous"')
+    )
 
 
 @pytest.fixture(scope="module")
@@ -41,15 +43,23 @@ def recorded(log: Log, path: Path, pan: np.ndarray, **others: np.ndarray) -> Pat
     return path
 
 
-@pytest.mark.parametrize(("start", "unit"), [(-np.pi, 1.0), (0.0, 1.0), (0.0, 360 / TURN), (0.0, 4096 / TURN)])
+@pytest.mark.parametrize(
+    ("start", "unit"), [(-np.pi, 1.0), (0.0, 1.0), (0.0, 360 / TURN), (0.0, 4096 / TURN)]
+)
 @pytest.mark.parametrize("has_rates", [False, True])
 def test_an_angle_that_starts_over_is_unwrapped_with_a_note(
     free: Rig, log: Log, tmp_path: Path, start: float, unit: float, has_rates: bool
 ) -> None:
     """At ± π, at a turn, at 360 degrees and at a full count, once the mapping makes it radians."""
     pan = np.round((np.mod(log.q[:, 0] - start, TURN) + start) * unit, 0 if unit > 100 else 6)
-    rates = {f"dq_{joint}": np.gradient(log.q[:, j], log.t) for j, joint in enumerate(log.joints)} if has_rates else {}
-    path = recorded(log, tmp_path / "wrapped.csv", pan, q_ref_pan=np.mod(log.q[:, 0], TURN), **rates)
+    rates = (
+        {f"dq_{joint}": np.gradient(log.q[:, j], log.t) for j, joint in enumerate(log.joints)}
+        if has_rates
+        else {}
+    )
+    path = recorded(
+        log, tmp_path / "wrapped.csv", pan, q_ref_pan=np.mod(log.q[:, 0], TURN), **rates
+    )
     read = read_log(path, free, [f"q_pan=q_pan/{unit}"])
     assert np.diff(read.q[:, 0] - log.q[:, 0]) == pytest.approx(0.0, abs=2 / unit)
     assert read.q_ref is not None and read.q_ref[:, 0] == pytest.approx(read.q[:, 0], abs=2 / unit)
@@ -61,12 +71,16 @@ def test_an_angle_that_starts_over_in_another_unit_is_refused_with_the_map(
     free: Rig, log: Log, tmp_path: Path, period: float
 ) -> None:
     path = recorded(log, tmp_path / "x.csv", np.mod(log.q[:, 0], TURN) * period / TURN)
-    with pytest.raises(LogError, match=rf"starts over at {period:g}.*--map 'q_pan=q_pan\*2\*pi/{period:g}'"):
+    with pytest.raises(
+        LogError, match=rf"starts over at {period:g}.*--map 'q_pan=q_pan\*2\*pi/{period:g}'"
+    ):
         read_log(path, free)
 
 
 @pytest.mark.parametrize("spoiled", ["many turns", "a spike", "samples lost", "a motor's shaft"])
-def test_what_does_not_start_over_is_left_alone(free: Rig, log: Log, tmp_path: Path, spoiled: str) -> None:
+def test_what_does_not_start_over_is_left_alone(
+    free: Rig, log: Log, tmp_path: Path, spoiled: str
+) -> None:
     pan = np.array(log.q[:, 0])
     kept = np.arange(len(log))
     if spoiled == "a spike":
@@ -80,15 +94,25 @@ def test_what_does_not_start_over_is_left_alone(free: Rig, log: Log, tmp_path: P
     np.testing.assert_array_equal(read.q[:, 0], pan[kept])
 
 
-@pytest.mark.parametrize(("zero", "added"), [(np.pi, "- pi"), (-np.pi, r"\+ pi"), (TURN, r"- 2\*pi")])
-def test_angles_beyond_the_limits_are_refused_with_their_offset(tmp_path: Path, zero: float, added: str) -> None:
+@pytest.mark.parametrize(
+    ("zero", "added"), [(np.pi, "- pi"), (-np.pi, r"\+ pi"), (TURN, r"- 2\*pi")]
+)
+def test_angles_beyond_the_limits_are_refused_with_their_offset(
+    tmp_path: Path, zero: float, added: str
+) -> None:
     rig = bundled("turret")
     log = prescribed(nominal(rig), seconds=4.0, dt=4e-3)
     tilt = log.q[:, 1] + zero
     write_columns({**log_columns(log), "q_tilt": tilt}, tmp_path / "x.csv")
-    with pytest.raises(LogError, match=rf"q_tilt: lies at .*--map 'q_tilt=q_tilt {added}'.*encoder_zero"):
+    with pytest.raises(
+        LogError, match=rf"q_tilt: lies at .*--map 'q_tilt=q_tilt {added}'.*encoder_zero"
+    ):
         read_log(tmp_path / "x.csv", rig)
-    read = read_log(tmp_path / "x.csv", rig, [f"q_tilt=q_tilt - {zero}" if zero > 0 else f"q_tilt=q_tilt + {-zero}"])
+    read = read_log(
+        tmp_path / "x.csv",
+        rig,
+        [f"q_tilt=q_tilt - {zero}" if zero > 0 else f"q_tilt=q_tilt + {-zero}"],
+    )
     assert read.q == pytest.approx(log.q, abs=1e-12)
 
 
@@ -116,13 +140,23 @@ def test_an_unknown_zero_is_refused_with_the_interval_that_holds_it(
     rig = replace(plain, motors=motors, limits=limits)
     t = 4e-3 * np.arange(1000)
     q = np.column_stack([np.sin(3 * t), 0.9 * np.sin(5 * t)])
-    columns = {"t": t, **{f"q_{joint}": x for joint, x in zip(rig.joints, (q + np.array([0.0, zero])).T)}}
-    write_columns({**columns, **{f"tau_{joint}": np.sin(t) for joint in rig.joints}}, tmp_path / "x.csv")
+    columns = {
+        "t": t,
+        **{f"q_{joint}": x for joint, x in zip(rig.joints, (q + np.array([0.0, zero])).T)},
+    }
+    write_columns(
+        {**columns, **{f"tau_{joint}": np.sin(t) for joint in rig.joints}}, tmp_path / "x.csv"
+    )
     with pytest.raises(LogError) as refused:
         read_log(tmp_path / "x.csv", rig)
     text = str(refused.value)
     ends = re.search(r"may be ([-\d.]+) to ([-\d.]+) rad", text)
-    assert ends and float(ends[1]) < zero < float(ends[2]) and "encoder_zero" in text and "--map" not in text
+    assert (
+        ends
+        and float(ends[1]) < zero < float(ends[2])
+        and "encoder_zero" in text
+        and "--map" not in text
+    )
     middle = (float(ends[1]) + float(ends[2])) / 2
     assert f"{middle:.3f}" not in text
 
@@ -132,7 +166,9 @@ def test_angles_partly_beyond_the_limits_are_noted(tmp_path: Path) -> None:
     log = prescribed(nominal(rig), seconds=4.0, dt=4e-3)
     beyond = rig.stops[1][1] - np.median(log.q[:, 1])
     write_columns({**log_columns(log), "q_tilt": log.q[:, 1] + beyond}, tmp_path / "x.csv")
-    assert any("q_tilt" in note and "limits" in note for note in read_log(tmp_path / "x.csv", rig).events)
+    assert any(
+        "q_tilt" in note and "limits" in note for note in read_log(tmp_path / "x.csv", rig).events
+    )
 
 
 def test_an_encoders_zero_is_applied_once(tmp_path: Path) -> None:
@@ -147,7 +183,9 @@ def test_an_encoders_zero_is_applied_once(tmp_path: Path) -> None:
     assert read.q == pytest.approx(log.q, abs=1e-12)
     write_log(read, tmp_path / "again.csv")
     assert read_log(tmp_path / "again.csv", rig).q == pytest.approx(log.q, abs=1e-12)
-    assert read_log(tmp_path / "again.csv", plain).q[:, 1] == pytest.approx(log.q[:, 1] + 1.25, abs=1e-12)
+    assert read_log(tmp_path / "again.csv", plain).q[:, 1] == pytest.approx(
+        log.q[:, 1] + 1.25, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["turret", "thesis"])
@@ -172,7 +210,9 @@ def test_a_rate_that_is_not_its_angles_derivative_is_noted(factor: float, tmp_pa
     rate = np.asarray(log.v)[:, 0] * factor if factor else np.sin(7 * log.t)
     write_columns({**log_columns(log), "dq_pan": rate}, tmp_path / "x.csv")
     (note,) = read_log(tmp_path / "x.csv", rig).events
-    assert "dq_pan" in note and (f"--map 'dq_pan=dq_pan*{1 / factor:.3g}'" in note if factor else "not the der" in note)
+    assert "dq_pan" in note and (
+        f"--map 'dq_pan=dq_pan*{1 / factor:.3g}'" in note if factor else "not the der" in note
+    )
 
 
 @pytest.mark.parametrize("spoiled", ["noise", "a low-pass", "a delay"])

@@ -29,7 +29,9 @@ def short() -> Log:
 def test_whole_lines_lose_nothing_but_an_open_end(data: bytes, cuts: list[int]) -> None:
     parts: Iterator[bytes] = (data[a:b] for a, b in pairwise(sorted({0, *cuts, len(data)})))
     lines = list(join_whole_lines(parts))
-    assert b"".join(lines) == data[: data.rfind(b"\n") + 1] and all(part.endswith(b"\n") for part in lines)
+    assert b"".join(lines) == data[: data.rfind(b"\n") + 1] and all(
+        part.endswith(b"\n") for part in lines
+    )
 
 
 def test_a_growing_file_is_followed(tmp_path: Path) -> None:
@@ -48,7 +50,9 @@ def test_a_growing_file_is_followed(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"log\.csv:201"):
         next(logs)
     path.write_text("".join(lines))
-    np.testing.assert_array_equal(np.concatenate([log.q for log in follow(str(path), rig, idle=0.0)]), short().q[:300])
+    np.testing.assert_array_equal(
+        np.concatenate([log.q for log in follow(str(path), rig, idle=0.0)]), short().q[:300]
+    )
     path.write_text("")
     with pytest.raises(LogError, match="empty"):
         list(follow(str(path), rig, idle=0.0))

@@ -40,7 +40,9 @@ def motion(rows: int = 60) -> Log:
     rng = np.random.default_rng(1)
     t = np.arange(rows) * 2000 / 1e6
     q, v, tau = (0.1 * np.cumsum(rng.normal(size=(rows, TURRET.n)), axis=0) for _ in range(3))
-    imu = Imu(rng.normal(size=(rows, 3)), rng.normal(size=(rows, 3)), np.tile([1.0, 0, 0, 0], (rows, 1)))
+    imu = Imu(
+        rng.normal(size=(rows, 3)), rng.normal(size=(rows, 3)), np.tile([1.0, 0, 0, 0], (rows, 1))
+    )
     return Log("made", TURRET.joints, t, q, v, tau, imus={TURRET.base: imu})
 
 
@@ -49,7 +51,9 @@ def frame(columns: Columns) -> pandas.DataFrame:
 
 
 def plain_text(separator: str, header: bool = True) -> Callable[[Columns, Path], None]:
-    return lambda columns, path: frame(columns).to_csv(path, sep=separator, index=False, header=header)
+    return lambda columns, path: frame(columns).to_csv(
+        path, sep=separator, index=False, header=header
+    )
 
 
 WRITERS: Mapping[str, tuple[str, Callable[[Columns, Path], None]]] = {
@@ -102,10 +106,16 @@ def drive_bag(path: Path) -> None:
     """Write a bag of joints, and 5 ms later a drive's message of a type of its own: no stamps, recorded in 2026."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     start = 1_790_000_000_123_456_789
-    store.register(get_types_from_msg("float64 current\nfloat32[3] heat\nbool on\nstring name", "drive_msgs/msg/Drive"))
+    store.register(
+        get_types_from_msg(
+            "float64 current\nfloat32[3] heat\nbool on\nstring name", "drive_msgs/msg/Drive"
+        )
+    )
     drive = store.types["drive_msgs/msg/Drive"]
     joints = store.types["sensor_msgs/msg/JointState"]
-    header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](0, 0), "")
+    header = store.types["std_msgs/msg/Header"](
+        store.types["builtin_interfaces/msg/Time"](0, 0), ""
+    )
     with Writer2(path, version=9) as bag:
         one = bag.add_connection("/drive", drive.__msgtype__, typestore=store)
         two = bag.add_connection("/joints", joints.__msgtype__, typestore=store)
@@ -113,11 +123,15 @@ def drive_bag(path: Path) -> None:
             at = start + k * 10**7
             message = drive(current=0.1 * k, heat=np.full(3, k, np.float32), on=True, name="pan")
             bag.write(one, at + 5 * 10**6, store.serialize_cdr(message, drive.__msgtype__))
-            state = joints(header, list(TURRET.joints), np.full(2, 0.01 * k), np.zeros(0), np.full(2, 0.5))
+            state = joints(
+                header, list(TURRET.joints), np.full(2, 0.01 * k), np.zeros(0), np.full(2, 0.5)
+            )
             bag.write(two, at, store.serialize_cdr(state, joints.__msgtype__))
 
 
-def test_a_type_of_ones_own_is_read_by_the_bags_definition_and_left_out_without(tmp_path: Path) -> None:
+def test_a_type_of_ones_own_is_read_by_the_bags_definition_and_left_out_without(
+    tmp_path: Path,
+) -> None:
     drive_bag(tmp_path / "bag")
     log = io.read_log(
         tmp_path / "bag",
@@ -135,7 +149,9 @@ def test_a_type_of_ones_own_is_read_by_the_bags_definition_and_left_out_without(
     assert "/drive" in left.notes[-1] and not any("drive" in column for column in left.columns)
 
 
-def test_rows_that_lack_a_value_or_come_before_time_goes_on_are_left_out_and_told(tmp_path: Path) -> None:
+def test_rows_that_lack_a_value_or_come_before_time_goes_on_are_left_out_and_told(
+    tmp_path: Path,
+) -> None:
     """Some blanks, stale first rows and a column of another rate: what is left is the log, wherever they stand."""
     log = motion(100)
     table = frame(log_columns(log)).assign(temp_pan=np.nan, temp_tilt=20.0)
@@ -144,7 +160,9 @@ def test_rows_that_lack_a_value_or_come_before_time_goes_on_are_left_out_and_tol
     kept = np.delete(np.arange(100), [0, 40, 99])
     for path in (tmp_path / "log.csv", tmp_path / "log.parquet", tmp_path / "log.npz"):
         writers = {".csv": lambda to: stale.to_csv(to, index=False), ".parquet": stale.to_parquet}
-        writers.get(path.suffix, lambda to: np.savez(to, **{c: stale[c].to_numpy() for c in stale}))(path)
+        writers.get(
+            path.suffix, lambda to: np.savez(to, **{c: stale[c].to_numpy() for c in stale})
+        )(path)
         read = io.read_log(path, TURRET)
         same(read, log.part(kept))
         told = " ".join(read.events)
@@ -153,9 +171,13 @@ def test_rows_that_lack_a_value_or_come_before_time_goes_on_are_left_out_and_tol
     table.to_csv(tmp_path / "half.csv", index=False)
     with pytest.raises(LogError, match=r"a.csv\+b.csv"):
         io.read_log(tmp_path / "half.csv", TURRET)
-    pandas.DataFrame({"t": [np.nan] * 3, "asked": 0.0}).to_csv(tmp_path / "timeless.csv", index=False)
+    pandas.DataFrame({"t": [np.nan] * 3, "asked": 0.0}).to_csv(
+        tmp_path / "timeless.csv", index=False
+    )
     with pytest.raises(LogError, match="no time in common"):
-        io.read_log(f"{tmp_path / 'log.csv'}+{tmp_path / 'timeless.csv'}", TURRET, ["temp_pan=asked"])
+        io.read_log(
+            f"{tmp_path / 'log.csv'}+{tmp_path / 'timeless.csv'}", TURRET, ["temp_pan=asked"]
+        )
 
 
 # --- What is damaged, hostile or not installed ----------------------------------------------------------------------
@@ -229,7 +251,12 @@ def test_a_line_of_units_below_the_names_ends_them(separator: str, tmp_path: Pat
     """As STorM32's NTLoggerTool saves a log; the lines of errors count it."""
     names = ["Time", "State", "Imu1Pitch", "EncYaw*", "DPitch"]
     units = ["ms", "uint", "deg", "deg", "deg/s"]
-    lines = [names, [f"[{unit}]" for unit in units], ["0", "6", "10.5", "-3", "1"], ["1.5", "6", "11", "-3.5", "2"]]
+    lines = [
+        names,
+        [f"[{unit}]" for unit in units],
+        ["0", "6", "10.5", "-3", "1"],
+        ["1.5", "6", "11", "-3.5", "2"],
+    ]
     path = tmp_path / "log.dat"
     path.write_text("\n".join(map(separator.join, lines)) + "\n")
     table = io.open_table(path)
@@ -247,35 +274,84 @@ FPS = 50
 
 def write_lerobot(folder: Path, log: Log, episodes: Sequence[slice], names: object) -> None:
     """Write a data set of version 3.0: two files of data, as lists of either kind, and all of its metadata."""
-    vectors = {"observation.state": log.q, "observation.velocity": log.v, "observation.effort": log.tau}
-    features = {key: {"dtype": "float32", "shape": [TURRET.n], "names": names} for key in (*vectors, "action")}
+    vectors = {
+        "observation.state": log.q,
+        "observation.velocity": log.v,
+        "observation.effort": log.tau,
+    }
+    features = {
+        key: {"dtype": "float32", "shape": [TURRET.n], "names": names}
+        for key in (*vectors, "action")
+    }
     features |= {"next.done": {"dtype": "bool", "shape": [1], "names": None}}
-    features |= {"observation.images.front": {"dtype": "video", "shape": [480, 640, 3], "names": list("hwc")}}
+    features |= {
+        "observation.images.front": {"dtype": "video", "shape": [480, 640, 3], "names": list("hwc")}
+    }
     features |= {"observation.scan": {"dtype": "float32", "shape": [100], "names": None}}
     features |= {"timestamp": {"dtype": "float32", "shape": [1], "names": None}}
     counts = ("frame_index", "episode_index", "index", "task_index")
     features |= {key: {"dtype": "int64", "shape": [1], "names": None} for key in counts}
     data = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-    info = {"codebase_version": "v3.0", "robot_type": "turret", "fps": FPS, "features": features, "data_path": data}
-    info |= {"total_episodes": len(episodes), "total_frames": len(log), "total_tasks": 1, "chunks_size": 1000}
+    info = {
+        "codebase_version": "v3.0",
+        "robot_type": "turret",
+        "fps": FPS,
+        "features": features,
+        "data_path": data,
+    }
+    info |= {
+        "total_episodes": len(episodes),
+        "total_frames": len(log),
+        "total_tasks": 1,
+        "chunks_size": 1000,
+    }
     info |= {"data_files_size_in_mb": 100, "splits": {"train": f"0:{len(episodes)}"}}
     for part in ("meta/episodes/chunk-000", "data/chunk-000"):
         (folder / part).mkdir(parents=True)
     (folder / "meta" / "info.json").write_text(json.dumps(info, indent=4))
-    parquet.write_table(pyarrow.table({"task_index": [0], "task": ["move"]}), folder / "meta" / "tasks.parquet")
-    rows = {"episode_index": range(len(episodes)), "length": [one.stop - one.start for one in episodes]}
-    rows |= {"dataset_from_index": [one.start for one in episodes], "dataset_to_index": [one.stop for one in episodes]}
+    parquet.write_table(
+        pyarrow.table({"task_index": [0], "task": ["move"]}), folder / "meta" / "tasks.parquet"
+    )
+    rows = {
+        "episode_index": range(len(episodes)),
+        "length": [one.stop - one.start for one in episodes],
+    }
+    rows |= {
+        "dataset_from_index": [one.start for one in episodes],
+        "dataset_to_index": [one.stop for one in episodes],
+    }
     parquet.write_table(pyarrow.table(rows), folder / "meta/episodes/chunk-000/file-000.parquet")
     for k, half in enumerate((episodes[0], slice(episodes[0].stop, len(log)))):
         lists = pyarrow.list_(pyarrow.float32(), TURRET.n if k == 0 else -1)
-        table = {key: pyarrow.array(list(x[half].astype(np.float32)), lists) for key, x in vectors.items()}
-        table |= {"action": table["observation.state"], "next.done": [False] * (half.stop - half.start)}
+        table = {
+            key: pyarrow.array(list(x[half].astype(np.float32)), lists)
+            for key, x in vectors.items()
+        }
+        table |= {
+            "action": table["observation.state"],
+            "next.done": [False] * (half.stop - half.start),
+        }
         wide = pyarrow.list_(pyarrow.float32(), 100)
-        table |= {"observation.scan": pyarrow.array([np.zeros(100, np.float32)] * (half.stop - half.start), wide)}
-        own = [(number, row - one.start) for number, one in enumerate(episodes) for row in range(one.start, one.stop)]
+        table |= {
+            "observation.scan": pyarrow.array(
+                [np.zeros(100, np.float32)] * (half.stop - half.start), wide
+            )
+        }
+        own = [
+            (number, row - one.start)
+            for number, one in enumerate(episodes)
+            for row in range(one.start, one.stop)
+        ]
         episode, frame = np.array(own)[half].T
-        table |= {"timestamp": pyarrow.array((frame / FPS).astype(np.float32)), "frame_index": frame}
-        table |= {"episode_index": episode, "index": np.arange(len(log))[half], "task_index": 0 * frame}
+        table |= {
+            "timestamp": pyarrow.array((frame / FPS).astype(np.float32)),
+            "frame_index": frame,
+        }
+        table |= {
+            "episode_index": episode,
+            "index": np.arange(len(log))[half],
+            "task_index": 0 * frame,
+        }
         parquet.write_table(pyarrow.table(table), folder / f"data/chunk-000/file-{k:03d}.parquet")
 
 
@@ -288,20 +364,28 @@ NAMED = [
 
 
 @pytest.mark.parametrize(("names", "ends"), NAMED)
-def test_a_lerobot_data_set_is_one_log_with_pauses(names: object, ends: list[str], tmp_path: Path) -> None:
+def test_a_lerobot_data_set_is_one_log_with_pauses(
+    names: object, ends: list[str], tmp_path: Path
+) -> None:
     """Frames come at multiples of 1/fps to the last bit, though their stamps are rounded; vectors are float32."""
     log = motion()
     write_lerobot(tmp_path / "set", log, (slice(0, 25), slice(25, 45), slice(45, 60)), names)
     pairs = {"q": "state", "dq": "velocity", "tau": "effort", "q_ref": "action"}
-    own = {column: f"observation.{key}" if column != "q_ref" else key for column, key in pairs.items()}
-    mapping = [f"{c}_{j}={key}{end}" for c, key in own.items() for j, end in zip(TURRET.joints, ends)]
+    own = {
+        column: f"observation.{key}" if column != "q_ref" else key for column, key in pairs.items()
+    }
+    mapping = [
+        f"{c}_{j}={key}{end}" for c, key in own.items() for j, end in zip(TURRET.joints, ends)
+    ]
     read = io.read_log(tmp_path / "set", TURRET, mapping)
     for found, true in ((read.q, log.q), (read.v, log.v), (read.tau, log.tau), (read.q_ref, log.q)):
         np.testing.assert_array_equal(found, true.astype(np.float32))
     steps = np.diff(read.t)
     np.testing.assert_allclose(np.delete(steps, [24, 44]), 1 / FPS, atol=1e-12)
     assert all(steps[[24, 44]] > 10.0)
-    assert all(any(word in event for event in read.events) for word in ("3 episodes", "observation.scan"))
+    assert all(
+        any(word in event for event in read.events) for word in ("3 episodes", "observation.scan")
+    )
     (tmp_path / "set/data/chunk-000/file-001.parquet").unlink()
     rest = io.read_log(tmp_path / "set", TURRET, mapping)
     assert len(rest) == 25 and any("25 of 60 frames" in event for event in rest.events)
@@ -314,13 +398,21 @@ def test_a_damaged_lerobot_data_set_is_refused_in_one_line(tmp_path: Path, run: 
     whole = data.read_bytes()
     stated = info.read_text()
     table = parquet.read_table(data)
-    uneven = pyarrow.array([[0.0] * (1 + row % 2) for row in range(60)], pyarrow.list_(pyarrow.float32()))
+    uneven = pyarrow.array(
+        [[0.0] * (1 + row % 2) for row in range(60)], pyarrow.list_(pyarrow.float32())
+    )
     place = table.schema.get_field_index("observation.state")
     cases = (
         (lambda: data.write_bytes(whole[:-200]), "is not Parquet"),
         (lambda: parquet.write_table(table.drop_columns(["index"]), data), "no column 'index'"),
-        (lambda: parquet.write_table(table.set_column(place, "observation.state", uneven), data), "2 numbers a row"),
-        (lambda: info.write_text(stated.replace(f'"fps": {FPS}', '"fps": 0')), "no LeRobot data set"),
+        (
+            lambda: parquet.write_table(table.set_column(place, "observation.state", uneven), data),
+            "2 numbers a row",
+        ),
+        (
+            lambda: info.write_text(stated.replace(f'"fps": {FPS}', '"fps": 0')),
+            "no LeRobot data set",
+        ),
         (lambda: info.write_text("{"), "is not YAML"),
         (lambda: [file.unlink() for file in data.parent.iterdir()], "no data"),
     )
@@ -357,7 +449,11 @@ def write_tlog(path: Path, t: np.ndarray, imu: Imu, q: np.ndarray) -> None:
                 write(vehicle, mavlink.MAVLink_highres_imu_message(*state, id=1), at)
                 device = [0, 0, round(1e3 * at), 0, q[k].tolist(), *gyro[k], 0]
                 write(camera, mavlink.MAVLink_gimbal_device_attitude_status_message(*device), at)
-                write(camera, mavlink.MAVLink_mount_orientation_message(round(1e3 * at), 10.0, -90.0, 45.0), at)
+                write(
+                    camera,
+                    mavlink.MAVLink_mount_orientation_message(round(1e3 * at), 10.0, -90.0, 45.0),
+                    at,
+                )
 
 
 def test_a_telemetry_log_of_mavlink_carries_the_platform(tmp_path: Path) -> None:
@@ -371,7 +467,9 @@ def test_a_telemetry_log_of_mavlink_carries_the_platform(tmp_path: Path) -> None
     signs = {"x": "", "y": "*-1", "z": "*-1"}
     own = [f"{kind}_{TURRET.base}_{axis}=HIGHRES_IMU.{axis}{of}{sign}"
            for kind, of in (("gyro", "gyro"), ("accel", "acc")) for axis, sign in signs.items()]  # fmt: skip
-    clock, read = io.read_imu(tmp_path / "flight.tlog", TURRET, TURRET.base, ["t=HIGHRES_IMU.t", *own])
+    clock, read = io.read_imu(
+        tmp_path / "flight.tlog", TURRET, TURRET.base, ["t=HIGHRES_IMU.t", *own]
+    )
     np.testing.assert_allclose(clock, t, atol=1e-6)
     for found, true in ((read.gyro, gyro), (read.accel, accel)):
         assert found is not None
@@ -414,9 +512,13 @@ def test_what_is_whole_of_a_damaged_telemetry_log_is_read(tmp_path: Path) -> Non
 def swing(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angles and rates of two joints that never repeat, (N, 2) each."""
     terms = [(0.5, 1.1, 0.3), (0.3, 2.3, 1.1), (0.2, 4.7, 2.0), (0.1, 7.9, 0.7)]
-    q = sum(np.column_stack([a * np.sin(w * t + p), a * np.sin(1.3 * w * t + 2 * p)]) for a, w, p in terms)
+    q = sum(
+        np.column_stack([a * np.sin(w * t + p), a * np.sin(1.3 * w * t + 2 * p)])
+        for a, w, p in terms
+    )
     v = sum(
-        np.column_stack([a * w * np.cos(w * t + p), 1.3 * a * w * np.cos(1.3 * w * t + 2 * p)]) for a, w, p in terms
+        np.column_stack([a * w * np.cos(w * t + p), 1.3 * a * w * np.cos(1.3 * w * t + 2 * p)])
+        for a, w, p in terms
     )
     return np.asarray(q), np.asarray(v)
 
@@ -429,14 +531,19 @@ def two_files(folder: Path, unit: float = 1.0, rate: float = 730.0) -> Path:
     (_, w) = swing(u)
     one = {"t": t, **{f"q_{j}": q[:, k] for k, j in enumerate(TURRET.joints)}}
     one |= {f"tau_{j}": np.cos(t) for j in TURRET.joints}
-    other = {"t_ms" if unit < 1 else "time": u / unit, **{f"dq_{j}": w[:, k] for k, j in enumerate(TURRET.joints)}}
+    other = {
+        "t_ms" if unit < 1 else "time": u / unit,
+        **{f"dq_{j}": w[:, k] for k, j in enumerate(TURRET.joints)},
+    }
     frame(one).to_csv(folder / "a.csv", index=False)
     frame(other).assign(note="turning").to_csv(folder / "b.csv", index=False)
     return Path(f"{folder / 'a.csv'}+{folder / 'b.csv'}")
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
-def test_files_of_two_rates_are_joined_at_the_times_of_the_first(unit: float, tmp_path: Path) -> None:
+def test_files_of_two_rates_are_joined_at_the_times_of_the_first(
+    unit: float, tmp_path: Path
+) -> None:
     log = io.read_log(two_files(tmp_path, unit), TURRET)
     assert log.v is not None
     # Between samples the rate bends by less than max|d²v/dt²| h²/8 = 0.2e-3 rad/s.
@@ -449,7 +556,9 @@ def test_files_of_one_clock_are_joined_exactly_and_holes_stay(tmp_path: Path) ->
     log = motion(200)
     columns = log_columns(log)
     split = [name for name in columns if name.startswith("dq")]
-    frame({name: values for name, values in columns.items() if name not in split}).to_csv(tmp_path / "a.csv")
+    frame({name: values for name, values in columns.items() if name not in split}).to_csv(
+        tmp_path / "a.csv"
+    )
     rows = np.r_[0:80, 120:200]
     frame({name: columns[name][rows] for name in ["t", *split]}).to_parquet(tmp_path / "b.parquet")
     same(io.read_log(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.parquet'}", TURRET), log.part(rows))
@@ -465,7 +574,9 @@ def test_topics_of_several_rates_are_joined_at_the_joints_times(tmp_path: Path) 
     arrays |= {"drive": {"time": u[1:-1:2], "torque": swing(u[1:-1:2] - lead)[1]}}
     scipy.io.savemat(tmp_path / "log.mat", arrays)
     sources = {"q": "q", "tau": "drive.torque", "q_ref": "asked.q_setpoint"}
-    named = [f"{of}_{j}={name}[{k}]" for of, name in sources.items() for k, j in enumerate(TURRET.joints)]
+    named = [
+        f"{of}_{j}={name}[{k}]" for of, name in sources.items() for k, j in enumerate(TURRET.joints)
+    ]
     named += [f"gyro_{TURRET.base}_{a}=imu.gyro[{k}]" for k, a in enumerate("xyz")]
     log = io.read_log(tmp_path / "log.mat", TURRET, named)
     assert 0 < len(t) - len(log) < 5 and set(log.t) < set(t)

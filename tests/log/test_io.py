@@ -17,7 +17,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from gimbal_pin.errors import DataError, GimbalPinError, LogError, UsageError
-from gimbal_pin.log import PLAUSIBLE_RANGES, Imu, Log, Motion, Source, io, parse_expression, read_mapping
+from gimbal_pin.log import (
+    PLAUSIBLE_RANGES,
+    Imu,
+    Log,
+    Motion,
+    Source,
+    io,
+    parse_expression,
+    read_mapping,
+)
 from gimbal_pin.log.io import columns, csv, files, units
 from gimbal_pin.log.log import find_untimely
 from gimbal_pin.log.mapping import parse_entry
@@ -43,7 +52,10 @@ URDF = (
     + "</robot>"
 )
 PARQUET = pytest.param(
-    ".parquet", marks=pytest.mark.skipif(find_spec("pyarrow") is None, reason="needs pyarrow: gimbal_pin[parquet]")
+    ".parquet",
+    marks=pytest.mark.skipif(
+        find_spec("pyarrow") is None, reason="needs pyarrow: gimbal_pin[parquet]"
+    ),
 )
 HEADER = "t,q_yaw,q_tilt,tau_yaw,tau_tilt"
 ROWS = "0.0,1,2,3,4\n0.1,5,6,7,8\n"
@@ -95,7 +107,9 @@ def block(channel: str, rows: int, width: int) -> st.SearchStrategy:
     """Return a strategy for any values that a channel can have."""
     lower, upper, _ = PLAUSIBLE_RANGES[channel]
     return hnp.arrays(
-        np.float64, (rows, width), elements=st.floats(lower, upper).filter(lambda x: x == 0.0 or abs(x) >= 1e-40)
+        np.float64,
+        (rows, width),
+        elements=st.floats(lower, upper).filter(lambda x: x == 0.0 or abs(x) >= 1e-40),
     )
 
 
@@ -107,7 +121,10 @@ def logs(draw: st.DrawFn) -> Log:
     imus = {}
     for link in draw(st.sets(st.sampled_from(["base", "arm", "head"]))):
         imu = Imu(
-            *(draw(maybe(block(name, len(t), width))) for name, width in (("gyro", 3), ("accel", 3), ("quat", 4)))
+            *(
+                draw(maybe(block(name, len(t), width)))
+                for name, width in (("gyro", 3), ("accel", 3), ("quat", 4))
+            )
         )
         if any(part is not None for part in (imu.gyro, imu.accel, imu.quat)):
             imus[link] = imu
@@ -126,7 +143,9 @@ def test_log_reads_back_exactly(suffix: str, log: Log, rig: Rig, tmp_path: Path)
 
 @pytest.mark.parametrize("suffix", [".csv", PARQUET])
 @given(log=logs(), data=st.data())
-def test_motion_reads_back_exactly(suffix: str, log: Log, data: st.DataObject, rig: Rig, tmp_path: Path) -> None:
+def test_motion_reads_back_exactly(
+    suffix: str, log: Log, data: st.DataObject, rig: Rig, tmp_path: Path
+) -> None:
     v, a = (data.draw(block(name, *log.q.shape)) for name in ("v", "a"))
     motion = Motion(log.t, log.q, v, a)
     io.write_motion(motion, rig.joints, tmp_path / f"m{suffix}")
@@ -135,8 +154,12 @@ def test_motion_reads_back_exactly(suffix: str, log: Log, data: st.DataObject, r
         identical(getattr(back, name), getattr(motion, name))
 
 
-@pytest.mark.parametrize(("before", "line"), [("", 1), (f"{HEADER}\n", 2), (f"{HEADER}\n{ROWS}", 4)])
-def test_a_line_that_is_longer_than_any_row_is_named_at_once(before: str, line: int, rig: Rig, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("before", "line"), [("", 1), (f"{HEADER}\n", 2), (f"{HEADER}\n{ROWS}", 4)]
+)
+def test_a_line_that_is_longer_than_any_row_is_named_at_once(
+    before: str, line: int, rig: Rig, tmp_path: Path
+) -> None:
     """Fields are not counted in it, nor names: of 50 MB that takes a minute."""
     (tmp_path / "x.csv").write_text(before + "1," * 2_500_000 + "1\n")
     with pytest.raises(LogError, match=rf"x.csv:{line}: has a line of 5 MB"):
@@ -146,7 +169,9 @@ def test_a_line_that_is_longer_than_any_row_is_named_at_once(before: str, line: 
 def test_columns_are_the_contracts(tmp_path: Path) -> None:
     n = np.zeros((2, 2))
     imu = Imu(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 4)))
-    io.write_log(Log("x", ("yaw", "tilt"), np.arange(2.0), n, n, n, n, n, {"head": imu}), tmp_path / "x.csv")
+    io.write_log(
+        Log("x", ("yaw", "tilt"), np.arange(2.0), n, n, n, n, n, {"head": imu}), tmp_path / "x.csv"
+    )
     assert (tmp_path / "x.csv").read_text().splitlines()[0] == (
         "t,q_yaw,q_tilt,dq_yaw,dq_tilt,tau_yaw,tau_tilt,q_ref_yaw,q_ref_tilt,temp_yaw,temp_tilt,"
         "gyro_head_x,gyro_head_y,gyro_head_z,accel_head_x,accel_head_y,accel_head_z,"
@@ -168,7 +193,8 @@ DIALECTS = {
     "savetxt": f"# by savetxt\n# {HEADER}\n{ROWS}",
     "trailing": f"{HEADER}\n{ROWS}".replace("\n", ",\n"),
     "trailing rows only": HEADER + "\n" + ROWS.replace("\n", ",\n"),
-    "other columns": f"state,{HEADER},note\n" + "".join(f'ok,{row},"a, b #1"\n' for row in ROWS.splitlines()),
+    "other columns": f"state,{HEADER},note\n"
+    + "".join(f'ok,{row},"a, b #1"\n' for row in ROWS.splitlines()),
     "other order": "tau_tilt,t,q_tilt,q_yaw,tau_yaw\n4,0.0,2,1,3\n8,0.1,6,5,7\n",
     "decimal commas": f"{HEADER}\n{ROWS}".replace(",", ";").replace(".", ","),
     "decimal commas and tabs": f"{HEADER}\n{ROWS}".replace(",", "\t").replace(".", ","),
@@ -193,7 +219,9 @@ def test_dialects_mean_the_same(
 
 def test_utf16_and_latin1_headers(rig: Rig, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
-    path.write_bytes(f"{HEADER},Winkel [°]\n".encode("latin-1") + ROWS.replace("\n", ",1\n").encode())
+    path.write_bytes(
+        f"{HEADER},Winkel [°]\n".encode("latin-1") + ROWS.replace("\n", ",1\n").encode()
+    )
     latin = io.read_log(path, rig, ["q_yaw=Winkel [°]"])
     np.testing.assert_array_equal(latin.q[:, 0], [1, 1])
     path.write_bytes(f"{HEADER}\n{ROWS}".encode("utf-16"))
@@ -219,32 +247,107 @@ BAD = {
         "no column 'q_tilt' (its columns: 't', 'q_yaw', 'tau",
         "--map q_tilt=",
     ),
-    "no t": ("time,q_yaw,q_tilt,tau_yaw,tau_tilt\n0,1,2,3,4\n", "", "no column 't' (its columns: 'time'", "--map t="),
-    "no tau": ("t,q_yaw,q_tilt,iq\n0,1,2,3\n", "", "no column 'tau_yaw', 'tau_tilt'", "--map tau_yaw="),
-    "one dq": (f"{HEADER},dq_tilt\n0,1,2,3,4,5\n", "", "has column 'dq_tilt' but not 'dq_yaw'", "whole group"),
-    "part of imu": (f"{HEADER},gyro_arm_x,gyro_arm_z\n0,1,2,3,4,5,6\n", "", "but not 'gyro_arm_y'", "whole group"),
+    "no t": (
+        "time,q_yaw,q_tilt,tau_yaw,tau_tilt\n0,1,2,3,4\n",
+        "",
+        "no column 't' (its columns: 'time'",
+        "--map t=",
+    ),
+    "no tau": (
+        "t,q_yaw,q_tilt,iq\n0,1,2,3\n",
+        "",
+        "no column 'tau_yaw', 'tau_tilt'",
+        "--map tau_yaw=",
+    ),
+    "one dq": (
+        f"{HEADER},dq_tilt\n0,1,2,3,4,5\n",
+        "",
+        "has column 'dq_tilt' but not 'dq_yaw'",
+        "whole group",
+    ),
+    "part of imu": (
+        f"{HEADER},gyro_arm_x,gyro_arm_z\n0,1,2,3,4,5,6\n",
+        "",
+        "but not 'gyro_arm_y'",
+        "whole group",
+    ),
     "twice": (f"{HEADER},q_yaw\n0,1,2,3,4,5\n", "", "has 2 columns 'q_yaw'", "rename"),
-    "nan": (f"{HEADER}\n{ROWS}0.2,1,nan,3,4\n", ":4 column 'q_tilt'", "is empty or nan", "delete the row"),
-    "inf": (f"{HEADER}\n{ROWS}0.2,1,2,-inf,4\n", ":4 column 'tau_yaw'", "is -inf", "delete the row"),
-    "overflow": (f"{HEADER}\n{ROWS}0.2,1,2,1e999,4\n", ":4 column 'tau_yaw'", "is 1e999", "delete the row"),
-    "empty field": (f"{HEADER}\n{ROWS}0.2,1,,3,4\n", ":4 column 'q_tilt'", "is empty or nan", "fill it in"),
-    "text": (f"{HEADER}\n# a\n\n0.0,1,2,3,4\n0.2,1,2,3,off\n", ":5 column 'tau_tilt'", "text 'off'", "write a number"),
+    "nan": (
+        f"{HEADER}\n{ROWS}0.2,1,nan,3,4\n",
+        ":4 column 'q_tilt'",
+        "is empty or nan",
+        "delete the row",
+    ),
+    "inf": (
+        f"{HEADER}\n{ROWS}0.2,1,2,-inf,4\n",
+        ":4 column 'tau_yaw'",
+        "is -inf",
+        "delete the row",
+    ),
+    "overflow": (
+        f"{HEADER}\n{ROWS}0.2,1,2,1e999,4\n",
+        ":4 column 'tau_yaw'",
+        "is 1e999",
+        "delete the row",
+    ),
+    "empty field": (
+        f"{HEADER}\n{ROWS}0.2,1,,3,4\n",
+        ":4 column 'q_tilt'",
+        "is empty or nan",
+        "fill it in",
+    ),
+    "text": (
+        f"{HEADER}\n# a\n\n0.0,1,2,3,4\n0.2,1,2,3,off\n",
+        ":5 column 'tau_tilt'",
+        "text 'off'",
+        "write a number",
+    ),
     "NA": (f"{HEADER}\n0.0,1,NA,3,4\n", ":2 column 'q_tilt'", "text 'NA'", "write a number"),
     "groups": (f"{HEADER}\n0.0,1,1_0,3,4\n", ":2 column 'q_tilt'", "text '1_0'", "write a number"),
-    "other digits": (f"{HEADER}\n0.0,1,１,3,4\n", ":2 column 'q_tilt'", "text '１'", "write a number"),
-    "zeros at the end": (f"{HEADER}{' ' * 5000}\n{ROWS}" + "\0" * 40, ":4", "1 values under 5 column names", "cut off"),
+    "other digits": (
+        f"{HEADER}\n0.0,1,１,3,4\n",
+        ":2 column 'q_tilt'",
+        "text '１'",
+        "write a number",
+    ),
+    "zeros at the end": (
+        f"{HEADER}{' ' * 5000}\n{ROWS}" + "\0" * 40,
+        ":4",
+        "1 values under 5 column names",
+        "cut off",
+    ),
     "two dots": (
         f"{HEADER}\n0.0,1,2,3,4\r\n0.1,1,1.2.3,3,4\r\n",
         ":3 column 'q_tilt'",
         "text '1.2.3'",
         "write a number",
     ),
-    "back": (f"{HEADER}\n\n{ROWS}0.05,1,2,3,4\n", ":5 column 't'", "goes back from 0.1 to 0.05 s", "sort the rows"),
-    "repeated": (f"{HEADER}\n{ROWS}0.1,1,2,3,4\n", ":4 column 't'", "0.1 s repeats", "--map t=row*0.05"),
-    "short": (f"{HEADER}\n{ROWS}0.2,1,2,3\n0.3,1,2,3,4\n", ":4", "4 values under 5 column names", "complete the row"),
+    "back": (
+        f"{HEADER}\n\n{ROWS}0.05,1,2,3,4\n",
+        ":5 column 't'",
+        "goes back from 0.1 to 0.05 s",
+        "sort the rows",
+    ),
+    "repeated": (
+        f"{HEADER}\n{ROWS}0.1,1,2,3,4\n",
+        ":4 column 't'",
+        "0.1 s repeats",
+        "--map t=row*0.05",
+    ),
+    "short": (
+        f"{HEADER}\n{ROWS}0.2,1,2,3\n0.3,1,2,3,4\n",
+        ":4",
+        "4 values under 5 column names",
+        "complete the row",
+    ),
     "cut off": (f"{HEADER}\n{ROWS}0", ":4", "1 values under 5 column names", "complete the row"),
     "long": (f"{HEADER}\n{ROWS}0.2,1,2,3,4,5\n", ":4", "6 values under 5 column names", "surplus"),
-    "short and long": (f"{HEADER}\n0,1,2,3\n1,1,2,3,4,5\n", ":2", "4 values under 5", "complete the row"),
+    "short and long": (
+        f"{HEADER}\n0,1,2,3\n1,1,2,3,4,5\n",
+        ":2",
+        "4 values under 5",
+        "complete the row",
+    ),
     "commas": (
         f"{HEADER}\n0,0,1,1,2,2,3,3,4,4\n",
         ":2",
@@ -258,12 +361,19 @@ BAD = {
         "write a number",
     ),
     "endless field": (f'{HEADER}\n{ROWS}0.2,"{"x" * 200000}\n', ":4", "is not CSV", "quotes"),
-    "quotes": (f'{HEADER}\n0,1,2,3,4\n1,1,"2,3,4\n2,1,2,3,4\n', ":3", "3 values under 5", "complete the row"),
+    "quotes": (
+        f'{HEADER}\n0,1,2,3,4\n1,1,"2,3,4\n2,1,2,3,4\n',
+        ":3",
+        "3 values under 5",
+        "complete the row",
+    ),
 }
 
 
 @pytest.mark.parametrize(("content", "place", "what", "mend"), BAD.values(), ids=BAD.keys())
-def test_bad_csv_says_where_and_how(content: str, place: str, what: str, mend: str, rig: Rig, tmp_path: Path) -> None:
+def test_bad_csv_says_where_and_how(
+    content: str, place: str, what: str, mend: str, rig: Rig, tmp_path: Path
+) -> None:
     path = tmp_path / "log.csv"
     path.write_bytes(content.encode())
     with pytest.raises(LogError) as caught:
@@ -343,9 +453,23 @@ BAD_CALLS = {
         "no column of this rig",
         "links",
     ),
-    "no equals": ("log.csv", ["q_yaw"], UsageError, "mapping 'q_yaw'", "not of the form", "q_yaw=pos1*pi/180"),
+    "no equals": (
+        "log.csv",
+        ["q_yaw"],
+        UsageError,
+        "mapping 'q_yaw'",
+        "not of the form",
+        "q_yaw=pos1*pi/180",
+    ),
     "no target": ("log.csv", ["=pos"], UsageError, "mapping '=pos'", "not of the form", "pos1"),
-    "no source": ("log.csv", ["q_yaw="], UsageError, "mapping 'q_yaw='", "is not one column", "pos*2*pi/4096"),
+    "no source": (
+        "log.csv",
+        ["q_yaw="],
+        UsageError,
+        "mapping 'q_yaw='",
+        "is not one column",
+        "pos*2*pi/4096",
+    ),
     "exchanged with no joint": (
         "log.csv",
         ["nose,tilt=tilt,nose"],
@@ -363,18 +487,81 @@ BAD_CALLS = {
         "of its own",
     ),
     "no yaml": ("log.csv", ["no.yaml"], UsageError, "no.yaml", "does not exist", "path"),
-    "broken yaml": ("log.csv", ["broken.yaml"], UsageError, "broken.yaml:2", "is not YAML", "mend that line"),
-    "twice in yaml": ("log.csv", ["twice.yaml"], UsageError, "twice.yaml:3", "'t' stands twice", "mend that line"),
+    "broken yaml": (
+        "log.csv",
+        ["broken.yaml"],
+        UsageError,
+        "broken.yaml:2",
+        "is not YAML",
+        "mend that line",
+    ),
+    "twice in yaml": (
+        "log.csv",
+        ["twice.yaml"],
+        UsageError,
+        "twice.yaml:3",
+        "'t' stands twice",
+        "mend that line",
+    ),
     "list in yaml": ("log.csv", ["list.yaml"], UsageError, "list.yaml", "no table", "q_yaw: pos1"),
-    "number in yaml": ("log.csv", ["number.yaml"], UsageError, "number.yaml: t", "maps to 5", "quote it"),
-    "bad yaml entry": ("log.csv", ["entry.yaml"], UsageError, "entry.yaml: t", "has the factor 0", "finite"),
+    "number in yaml": (
+        "log.csv",
+        ["number.yaml"],
+        UsageError,
+        "number.yaml: t",
+        "maps to 5",
+        "quote it",
+    ),
+    "bad yaml entry": (
+        "log.csv",
+        ["entry.yaml"],
+        UsageError,
+        "entry.yaml: t",
+        "has the factor 0",
+        "finite",
+    ),
     "unreadable parquet": ("bad.parquet", [], LogError, "bad.parquet", "is not Parquet", "suffix"),
-    "nan parquet": ("nan.parquet", [], LogError, "nan.parquet row 2 column 'q_yaw'", "or nan", "fill it in"),
-    "null parquet": ("null.parquet", [], LogError, "null.parquet row 3 column 'q_yaw'", "is empty", "fill it in"),
-    "text parquet": ("text.parquet", [], LogError, "text.parquet column 'q_yaw'", "holds string", "float64"),
-    "time parquet": ("time.parquet", [], LogError, "time.parquet row 2 column 't'", "goes back", "sort"),
+    "nan parquet": (
+        "nan.parquet",
+        [],
+        LogError,
+        "nan.parquet row 2 column 'q_yaw'",
+        "or nan",
+        "fill it in",
+    ),
+    "null parquet": (
+        "null.parquet",
+        [],
+        LogError,
+        "null.parquet row 3 column 'q_yaw'",
+        "is empty",
+        "fill it in",
+    ),
+    "text parquet": (
+        "text.parquet",
+        [],
+        LogError,
+        "text.parquet column 'q_yaw'",
+        "holds string",
+        "float64",
+    ),
+    "time parquet": (
+        "time.parquet",
+        [],
+        LogError,
+        "time.parquet row 2 column 't'",
+        "goes back",
+        "sort",
+    ),
     "empty parquet": ("empty.parquet", [], LogError, "empty.parquet", "has no rows", "samples"),
-    "missing in parquet": ("part.parquet", [], LogError, "part.parquet", "no column 'q_tilt'", "--map q_tilt="),
+    "missing in parquet": (
+        "part.parquet",
+        [],
+        LogError,
+        "part.parquet",
+        "no column 'q_tilt'",
+        "--map q_tilt=",
+    ),
 }
 
 
@@ -399,7 +586,10 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     }
     for name, text in texts.items():
         (folder / name).write_text(text)
-    good: dict[str, object] = {"t": [0.0, 1.0, 2.0], **{name: [1, 2, 3] for name in HEADER.split(",")[1:]}}
+    good: dict[str, object] = {
+        "t": [0.0, 1.0, 2.0],
+        **{name: [1, 2, 3] for name in HEADER.split(",")[1:]},
+    }
     tables: dict[str, dict[str, object]] = {
         "nan": {"q_yaw": [0.0, math.nan, 1.0]},
         "null": {"q_yaw": [1, 2, None]},
@@ -411,14 +601,24 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, change in tables.items():
         parquet.write_table(pyarrow.table({**good, **change}), folder / f"{name}.parquet")
     parquet.write_table(
-        pyarrow.table({name: good[name] for name in ("t", "q_yaw", "tau_yaw", "tau_tilt")}), folder / "part.parquet"
+        pyarrow.table({name: good[name] for name in ("t", "q_yaw", "tau_yaw", "tau_tilt")}),
+        folder / "part.parquet",
     )
     return folder
 
 
-@pytest.mark.parametrize(("name", "mapping", "kind", "place", "what", "mend"), BAD_CALLS.values(), ids=BAD_CALLS.keys())
+@pytest.mark.parametrize(
+    ("name", "mapping", "kind", "place", "what", "mend"), BAD_CALLS.values(), ids=BAD_CALLS.keys()
+)
 def test_bad_files_and_mappings(
-    name: str, mapping: list[str], kind: type[GimbalPinError], place: str, what: str, mend: str, rig: Rig, corpus: Path
+    name: str,
+    mapping: list[str],
+    kind: type[GimbalPinError],
+    place: str,
+    what: str,
+    mend: str,
+    rig: Rig,
+    corpus: Path,
 ) -> None:
     entries = [str(corpus / entry) if entry.endswith(".yaml") else entry for entry in mapping]
     with pytest.raises(kind) as caught:
@@ -434,7 +634,8 @@ def test_parquet_without_pyarrow_says_what_to_install(
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.delitem(sys.modules, "pyarrow.parquet", raising=False)
     with pytest.raises(
-        UsageError, match=r"needs the package pyarrow; install it \(pip install 'gimbal_pin\[parquet\]'\)"
+        UsageError,
+        match=r"needs the package pyarrow; install it \(pip install 'gimbal_pin\[parquet\]'\)",
     ):
         io.read_log(tmp_path / "x.parquet", rig)
 
@@ -565,7 +766,9 @@ def test_yaml_maps_like_entries(tmp_path: Path) -> None:
     files.write_yaml(entries, tmp_path / "map.yaml")
     stated = read_mapping([f"{target}={text}" for target, text in entries.items()])
     stored = read_mapping([tmp_path / "map.yaml"])
-    assert [(k, s.column, s.factor) for k, s in stored.items()] == [(k, s.column, s.factor) for k, s in stated.items()]
+    assert [(k, s.column, s.factor) for k, s in stored.items()] == [
+        (k, s.column, s.factor) for k, s in stated.items()
+    ]
     over = read_mapping(["t=ticks", str(tmp_path / "map.yaml"), "t=clock"])
     assert over["t"] == Source("clock", 1.0, "mapping 't=clock'") and over["tau_yaw"].factor == -0.5
 
@@ -624,7 +827,9 @@ def test_degrees_are_refused_only_where_sure(rig: Rig, tmp_path: Path) -> None:
     """Ten degrees of travel are more than any joint has radians; a turn counted twice or a few spikes are none."""
     path = tmp_path / "x.csv"
     path.write_text(f"{HEADER}\n" + "".join(f"{k},{80 - 3 * k},1.4,0.3,0.4\n" for k in range(55)))
-    with pytest.raises(LogError, match=r"x\.csv: q_yaw travels .* degrees.* --map 'q_yaw=q_yaw\*pi/180'$"):
+    with pytest.raises(
+        LogError, match=r"x\.csv: q_yaw travels .* degrees.* --map 'q_yaw=q_yaw\*pi/180'$"
+    ):
         io.read_log(path, rig)
     assert io.read_log(path, rig, ["q_yaw=q_yaw*pi/180"]).events == ()
     t = np.linspace(0, 10, 1001)
@@ -641,12 +846,16 @@ def test_a_joint_that_its_loop_has_lost_is_no_matter_of_units(rig: Rig) -> None:
     asked = np.stack([np.sin(t), 0.3 * np.sin(2 * t)], axis=1)
     with pytest.raises(LogError, match="degrees"):
         units.check_units("x", rig, t, np.degrees(asked), None, asked)
-    with pytest.raises(LogError, match=r"q_yaw travels .*, and not as q_ref_yaw; the loop lost the joint"):
+    with pytest.raises(
+        LogError, match=r"q_yaw travels .*, and not as q_ref_yaw; the loop lost the joint"
+    ):
         units.check_units("x", rig, t, asked + np.outer(t**2, [1.0, 0.0]), None, asked)
     units.check_units("x", rig, t, asked + 0.1, None, asked)
 
 
-def test_a_motor_that_is_at_its_limit_most_of_the_time_is_mentioned(rig: Rig, tmp_path: Path) -> None:
+def test_a_motor_that_is_at_its_limit_most_of_the_time_is_mentioned(
+    rig: Rig, tmp_path: Path
+) -> None:
     limit = float(rig.tau_max[0])
     for often, count in ((4, 0), (7, 1)):
         rows = (f"{k},1,2,{limit * (-1) ** k if k < often else 0.1 * limit},0\n" for k in range(10))
@@ -666,12 +875,16 @@ def test_angles_and_rates_of_one_unit_are_let_pass(rig: Rig, seed: int, step: fl
     seen = step * np.round(q / step)
     noisy = v + 0.1 * rng.standard_normal(v.shape)
     units.check_units("x", rig, t, seen, noisy)
-    units.check_units("x", rig, t, 1e-4 * rng.standard_normal(q.shape), 0.1 * rng.standard_normal(v.shape))
+    units.check_units(
+        "x", rig, t, 1e-4 * rng.standard_normal(q.shape), 0.1 * rng.standard_normal(v.shape)
+    )
     with pytest.raises(LogError, match=r"moves 0\.01.* times as far as dq_yaw says"):
         units.check_units("x", rig, t, q, np.degrees(noisy))
     with pytest.raises(LogError, match=r"t is in ms, not s: map it: --map 't=t\*0.001'"):
         units.check_units("x", rig, 1e3 * t, q, noisy)
-    with pytest.raises(LogError, match=r"dq_yaw is negative where q_yaw rises.*--map dq_yaw=-dq_yaw"):
+    with pytest.raises(
+        LogError, match=r"dq_yaw is negative where q_yaw rises.*--map dq_yaw=-dq_yaw"
+    ):
         units.check_units("x", rig, t, q, -noisy)
 
 
@@ -730,7 +943,9 @@ def test_replacing_leaves_the_old_file_when_the_block_fails(tmp_path: Path) -> N
 @given(content=st.binary() | st.text(st.characters(exclude_categories=["Cs"])))
 def test_atomic_write_writes_every_byte(content: str | bytes, tmp_path: Path) -> None:
     files.atomic_write(tmp_path / "x", content)
-    assert (tmp_path / "x").read_bytes() == (content.encode() if isinstance(content, str) else content)
+    assert (tmp_path / "x").read_bytes() == (
+        content.encode() if isinstance(content, str) else content
+    )
     assert list(tmp_path.iterdir()) == [tmp_path / "x"]
 
 
@@ -776,7 +991,10 @@ trees = st.recursive(
     | st.integers()
     | st.floats(allow_nan=False)
     | st.text(st.characters(exclude_categories=["C"])),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text("abcxyz_0.:", max_size=5), inner, max_size=4),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.text("abcxyz_0.:", max_size=5), inner, max_size=4)
+    ),
     max_leaves=12,
 )
 
@@ -786,7 +1004,9 @@ def test_yaml_and_json_round_trip(tree: object, tmp_path: Path) -> None:
     files.write_yaml(tree, tmp_path / "x.yaml")
     assert reading.read_yaml(tmp_path / "x.yaml") == tree
     files.write_json(tree, tmp_path / "x.json")
-    assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8")) == files.to_plain(tree, finite=True)
+    assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8")) == files.to_plain(
+        tree, finite=True
+    )
 
 
 def test_json_of_numpy_and_nan() -> None:
@@ -830,9 +1050,17 @@ def test_double_pendulum() -> None:
     names = {"q": "pos", "dq": "vel", "tau": "tau"}
     mapping = [
         "t=time",
-        *(f"{to}_{joint}={source}{i}" for to, source in names.items() for i, joint in ((1, "shoulder"), (2, "elbow"))),
+        *(
+            f"{to}_{joint}={source}{i}"
+            for to, source in names.items()
+            for i, joint in ((1, "shoulder"), (2, "elbow"))
+        ),
     ]
-    log = io.read_log(folder / "20220812-061157-PM_measured.csv", Rig.load(folder / "double_pendulum.urdf"), mapping)
+    log = io.read_log(
+        folder / "20220812-061157-PM_measured.csv",
+        Rig.load(folder / "double_pendulum.urdf"),
+        mapping,
+    )
     assert log.q.shape == held(log.v).shape == held(log.tau).shape == (21969, 2)
     assert 70 < log.t[-1] < 80 and 1 / 500 < log.dt < 1 / 250
     raw = np.loadtxt(folder / "20220812-061157-PM_measured.csv", delimiter=",", skiprows=1)
@@ -846,10 +1074,13 @@ def test_double_pendulum() -> None:
 def test_simple_pendulum() -> None:
     folder = measured("dfki_simple_pendulum")
     mapping = ["t=time", "q_shoulder=position", "dq_shoulder=velocity", "tau_shoulder=torque"]
-    log = io.read_log(folder / "system_identification.csv", Rig.load(folder / "pendulum.urdf"), mapping)
-    assert log.q.shape == held(log.v).shape == held(log.tau).shape == (1170, 1) and log.dt == pytest.approx(
-        1 / 300, rel=0.2
+    log = io.read_log(
+        folder / "system_identification.csv", Rig.load(folder / "pendulum.urdf"), mapping
     )
+    assert log.q.shape == held(log.v).shape == held(log.tau).shape == (
+        1170,
+        1,
+    ) and log.dt == pytest.approx(1 / 300, rel=0.2)
     travelled = np.sum(held(log.v)[:-1, 0] * np.diff(log.t))
     assert travelled == pytest.approx(log.q[-1, 0] - log.q[0, 0], abs=0.1)
 
@@ -861,7 +1092,9 @@ def test_odrive_counts_and_current() -> None:
     log = io.read_log(folder / "slow_a.csv", rig, mapping)
     assert log.q.shape == held(log.tau).shape == (4306, 1) and log.v is None and log.events == ()
     assert np.sqrt((held(log.tau) ** 2).mean()) / 0.0276 == pytest.approx(0.64, rel=0.1)
-    turns = io.read_log(folder / "slow_a.csv", rig, [*mapping[:1], "q_motor=2*pi*pos_counts/8192", mapping[2]])
+    turns = io.read_log(
+        folder / "slow_a.csv", rig, [*mapping[:1], "q_motor=2*pi*pos_counts/8192", mapping[2]]
+    )
     np.testing.assert_allclose(log.q, turns.q, rtol=1e-5)
 
 

@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gimbal_pin.log import compute_lowpass_settling, differentiate, lowpass, noise_std, resample, signals, zero_phase
+from gimbal_pin.log import (
+    compute_lowpass_settling,
+    differentiate,
+    lowpass,
+    noise_std,
+    resample,
+    signals,
+    zero_phase,
+)
 
 RATE = 500.0
 CUTOFF = st.floats(3, 80)
@@ -19,7 +27,9 @@ COEFFICIENTS = hnp.arrays(float, 5, elements=st.floats(-3, 3, allow_subnormal=Fa
 def wander(seed: int, samples: int = 1500, columns: int = 3) -> np.ndarray:
     """Anything at all: white noise on a random walk."""
     rng = np.random.default_rng(seed)
-    return rng.normal(size=(samples, columns)) + np.cumsum(rng.normal(size=(samples, columns)), axis=0)
+    return rng.normal(size=(samples, columns)) + np.cumsum(
+        rng.normal(size=(samples, columns)), axis=0
+    )
 
 
 def inside(signal: np.ndarray, cutoff: float, times: float = 2.0) -> np.ndarray:
@@ -38,7 +48,9 @@ def test_filter_is_linear(seed: int, cutoff: float, a: float, b: float) -> None:
     sections = lowpass(cutoff, RATE)
     mixed = zero_phase(a * x + b * y, sections)
     parts = a * zero_phase(x, sections) + b * zero_phase(y, sections)
-    np.testing.assert_allclose(mixed, parts, rtol=0, atol=1e-9 * (1 + np.abs(x).max() + np.abs(y).max()))
+    np.testing.assert_allclose(
+        mixed, parts, rtol=0, atol=1e-9 * (1 + np.abs(x).max() + np.abs(y).max())
+    )
 
 
 @given(SEED, CUTOFF)
@@ -46,7 +58,9 @@ def test_filter_takes_each_column_by_itself(seed: int, cutoff: float) -> None:
     x = wander(seed)
     sections = lowpass(cutoff, RATE)
     for j in range(3):
-        np.testing.assert_array_equal(zero_phase(x, sections)[:, j], zero_phase(x[:, [j]], sections)[:, 0])
+        np.testing.assert_array_equal(
+            zero_phase(x, sections)[:, j], zero_phase(x[:, [j]], sections)[:, 0]
+        )
 
 
 @given(SEED, st.floats(10, 80))
@@ -55,7 +69,9 @@ def test_filter_does_not_know_which_way_time_runs(seed: int, cutoff: float) -> N
     sections = lowpass(cutoff, RATE)
     there = zero_phase(x, sections)
     back = zero_phase(x[::-1], sections)[::-1]
-    np.testing.assert_allclose(inside(there, cutoff), inside(back, cutoff), rtol=0, atol=1e-7 * np.abs(x).max())
+    np.testing.assert_allclose(
+        inside(there, cutoff), inside(back, cutoff), rtol=0, atol=1e-7 * np.abs(x).max()
+    )
 
 
 @given(CUTOFF)
@@ -70,18 +86,24 @@ def test_impulse_response_is_even_and_sums_to_one(cutoff: float) -> None:
 @given(CUTOFF, st.floats(-1e3, 1e3), st.integers(2, 1500))
 def test_constants_pass_whole(cutoff: float, level: float, samples: int) -> None:
     constant = np.full((samples, 2), level)
-    np.testing.assert_allclose(zero_phase(constant, lowpass(cutoff, RATE)), constant, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        zero_phase(constant, lowpass(cutoff, RATE)), constant, rtol=1e-9, atol=1e-9
+    )
 
 
 @given(st.floats(10, 80), st.floats(-10, 10), st.floats(-100, 100))
-def test_straight_lines_pass_whole_away_from_the_ends(cutoff: float, level: float, slope: float) -> None:
+def test_straight_lines_pass_whole_away_from_the_ends(
+    cutoff: float, level: float, slope: float
+) -> None:
     line = (level + slope * np.arange(1500) / RATE)[:, None]
     error = zero_phase(line, lowpass(cutoff, RATE)) - line
     np.testing.assert_allclose(inside(error, cutoff), 0, atol=1e-7 * (1 + abs(slope)))
 
 
 @given(st.floats(10, 80), st.floats(1, 200))
-def test_gain_of_a_sine_is_butterworths_twice_and_its_phase_none(cutoff: float, frequency: float) -> None:
+def test_gain_of_a_sine_is_butterworths_twice_and_its_phase_none(
+    cutoff: float, frequency: float
+) -> None:
     """|H|² = 1 / (1 + (tan(πf/r) / tan(πf_c/r))⁶): a half, -6 dB, at the cutoff."""
     t = np.arange(3000) / RATE
     sine = np.sin(2 * np.pi * frequency * t + 0.7)[:, None]
@@ -90,7 +112,9 @@ def test_gain_of_a_sine_is_butterworths_twice_and_its_phase_none(cutoff: float, 
     np.testing.assert_allclose(inside(error, cutoff), 0, atol=1e-6)
 
 
-@pytest.mark.parametrize(("cutoff", "rate"), [(5.0, 200.0), (15.0, 200.0), (5.0, 1e3), (15.0, 1e3), (90.0, 1e3)])
+@pytest.mark.parametrize(
+    ("cutoff", "rate"), [(5.0, 200.0), (15.0, 200.0), (5.0, 1e3), (15.0, 1e3), (90.0, 1e3)]
+)
 def test_an_edge_is_forgotten_after_the_settling_time(cutoff: float, rate: float) -> None:
     """To 1e-4 of its size, on both sides of it, and not much sooner, for cutoffs up to a tenth of the rate."""
     away = compute_lowpass_settling(cutoff) * rate
@@ -110,12 +134,16 @@ def test_a_cutoff_beyond_the_samples_is_held_below_nyquist() -> None:
 
 
 @given(COEFFICIENTS, st.floats(1e-3, 0.1), st.integers(5, 40))
-def test_derivative_of_a_quartic_is_exact_inside(coefficients: np.ndarray, dt: float, samples: int) -> None:
+def test_derivative_of_a_quartic_is_exact_inside(
+    coefficients: np.ndarray, dt: float, samples: int
+) -> None:
     t = dt * np.arange(samples)
     polynomial = np.polynomial.Polynomial(coefficients)
     slope = differentiate(polynomial(t)[:, None], dt)[:, 0]
     scale = 1 + np.abs(polynomial(t)).max()
-    np.testing.assert_allclose(slope[2:-2], polynomial.deriv()(t)[2:-2], rtol=0, atol=1e-13 * scale / dt)
+    np.testing.assert_allclose(
+        slope[2:-2], polynomial.deriv()(t)[2:-2], rtol=0, atol=1e-13 * scale / dt
+    )
 
 
 @given(COEFFICIENTS, st.floats(1e-3, 0.1), st.integers(3, 40))
@@ -126,7 +154,9 @@ def test_derivative_next_to_the_ends(coefficients: np.ndarray, dt: float, sample
         polynomial = np.polynomial.Polynomial(coefficients[: degree + 1])
         slope = differentiate(polynomial(t)[:, None], dt)[:, 0]
         scale = 1 + np.abs(polynomial(t)).max()
-        np.testing.assert_allclose(slope[rows], polynomial.deriv()(t)[rows], rtol=0, atol=1e-13 * scale / dt)
+        np.testing.assert_allclose(
+            slope[rows], polynomial.deriv()(t)[rows], rtol=0, atol=1e-13 * scale / dt
+        )
 
 
 @given(st.floats(1, 40))
@@ -154,18 +184,25 @@ def test_interpolation_is_exact_at_the_samples_and_on_parabolas(
 ) -> None:
     t, grid = case
     anything = np.random.default_rng(len(t)).normal(size=(len(t), 2))
-    np.testing.assert_allclose(resample(t, anything, np.repeat(t, 2)), np.repeat(anything, 2, axis=0), atol=1e-14)
+    np.testing.assert_allclose(
+        resample(t, anything, np.repeat(t, 2)), np.repeat(anything, 2, axis=0), atol=1e-14
+    )
     within = grid[(grid > t[1]) & (grid < t[-2])]
     for degree, at in ((1, grid), (2, within)):
         polynomial = np.polynomial.Polynomial(coefficients[: degree + 1])
         scale = 1 + np.abs(polynomial(t)).max()
         np.testing.assert_allclose(
-            resample(t, polynomial(t)[:, None], at)[:, 0], polynomial(at), rtol=0, atol=1e-12 * scale
+            resample(t, polynomial(t)[:, None], at)[:, 0],
+            polynomial(at),
+            rtol=0,
+            atol=1e-12 * scale,
         )
 
 
 @given(st.floats(-5, 5), st.floats(0.01, 1))
-def test_interpolation_of_a_cubic_errs_by_a_sixtieth_of_its_third_difference(third: float, h: float) -> None:
+def test_interpolation_of_a_cubic_errs_by_a_sixtieth_of_its_third_difference(
+    third: float, h: float
+) -> None:
     """Central slopes err by h² f‴/6, so the curve by h³ f‴/6 · s (1 - s) (1 - 2s): at most 0.016 h³ f‴."""
     t = h * np.arange(12)
     s = np.linspace(0, 1, 21)[:-1]
@@ -197,7 +234,9 @@ def smooth(seed: int, samples: int = 20_000) -> np.ndarray:
     t = np.arange(samples)[:, None] * 1e-3
     frequency = rng.uniform(0.2, 3, (2, 5))
     phase = rng.uniform(0, 6, (2, 5))
-    return np.stack([np.sin(2 * np.pi * f * t + p).sum(axis=1) for f, p in zip(frequency, phase)], axis=1)
+    return np.stack(
+        [np.sin(2 * np.pi * f * t + p).sum(axis=1) for f, p in zip(frequency, phase)], axis=1
+    )
 
 
 @given(SEED, st.floats(-5, 1))
@@ -220,7 +259,9 @@ def test_a_smooth_signal_has_no_noise() -> None:
 
 
 @given(SEED, st.floats(1e-3, 1e3), hnp.arrays(float, 3, elements=st.floats(-5, 5)))
-def test_noise_follows_the_unit_and_ignores_parabolas_and_jumps(seed: int, unit: float, curve: np.ndarray) -> None:
+def test_noise_follows_the_unit_and_ignores_parabolas_and_jumps(
+    seed: int, unit: float, curve: np.ndarray
+) -> None:
     noise = np.random.default_rng(seed).standard_normal((1000, 1))
     parabola = np.polynomial.Polynomial(curve)(np.linspace(-1, 1, 1000))[:, None]
     plain = noise_std(noise)
@@ -230,7 +271,9 @@ def test_noise_follows_the_unit_and_ignores_parabolas_and_jumps(seed: int, unit:
 
 
 @given(SEED, st.floats(0.003, 0.05), st.integers(12, 40))
-def test_jumps_of_a_torque_that_chatters_are_none_of_its_noise(seed: int, std: float, every: int) -> None:
+def test_jumps_of_a_torque_that_chatters_are_none_of_its_noise(
+    seed: int, std: float, every: int
+) -> None:
     """However often its sign changes; of a torque that does not chatter nothing is left out."""
     noise = std * np.random.default_rng(seed).normal(size=(4000, 1))
     chatter = np.where(np.arange(4000) // every % 2, 1.0, -1.0)[:, None]
@@ -247,4 +290,6 @@ def test_gain_of_noise_is_parsevals(cutoff: float, derivatives: int) -> None:
     power = 1 / (1 + (np.tan(w / 2) / np.tan(np.pi * cutoff / 1000)) ** 6) ** 2
     slope = (8 * np.sin(w) - np.sin(2 * w)) / 6 * 1000
     expected = np.sqrt((power * slope ** (2 * derivatives)).mean())
-    assert signals.compute_noise_gain(lowpass(cutoff, 1000.0), 1000.0, derivatives) == pytest.approx(expected, rel=1e-6)
+    assert signals.compute_noise_gain(
+        lowpass(cutoff, 1000.0), 1000.0, derivatives
+    ) == pytest.approx(expected, rel=1e-6)

@@ -77,10 +77,14 @@ def as_bag(kind: str) -> Callable[[Columns, Path], None]:
             else Writer2(path, version=9, storage_plugin=StoragePlugin[kind.upper()]) as bag
         ):
             topics = [("/joint_states", states), *(("/imu", imu) for _ in links)]
-            connections = [bag.add_connection(topic, of.__msgtype__, typestore=store) for topic, of in topics]
+            connections = [
+                bag.add_connection(topic, of.__msgtype__, typestore=store) for topic, of in topics
+            ]
             for k, t in enumerate(columns["t"]):
                 at = round(t * 1e9)
-                arrays = (np.array([columns[f"{of}_{j}"][k] for j in joints]) for of in ("q", "dq", "tau"))
+                arrays = (
+                    np.array([columns[f"{of}_{j}"][k] for j in joints]) for of in ("q", "dq", "tau")
+                )
                 messages = [states(header(at, ""), joints, *arrays)]
                 messages += [
                     imu(header(at, link), quaternion(*values(f"quat_{link}", "xyzw", k)), np.zeros(9),
@@ -90,7 +94,9 @@ def as_bag(kind: str) -> Callable[[Columns, Path], None]:
                 ]  # fmt: skip
                 for connection, message in zip(connections, messages):
                     name = type(message).__msgtype__
-                    content = (store.serialize_ros1 if kind == "ros1" else store.serialize_cdr)(message, name)
+                    content = (store.serialize_ros1 if kind == "ros1" else store.serialize_cdr)(
+                        message, name
+                    )
                     bag.write(connection, at, content)
 
     return write
@@ -124,7 +130,9 @@ def as_tlog(columns: Columns, path: Path) -> None:
     packets = list[bytes]()
     for k, t in enumerate(columns["t"]):
         imu = [float(columns[f"{of}_base_{axis}"][k]) for of in ("accel", "gyro") for axis in "xyz"]
-        message = mavlink.MAVLink_highres_imu_message(round(1e6 * t), *imu, *([0.0] * 3), 1000.0, 0.0, 0.0, 25.0, 63)
+        message = mavlink.MAVLink_highres_imu_message(
+            round(1e6 * t), *imu, *([0.0] * 3), 1000.0, 0.0, 0.0, 25.0, 63
+        )
         packets.append(struct.pack(">Q", round(1.7e15 + 1e6 * t)) + message.pack(link))
     path.write_bytes(b"".join(packets))
 
@@ -137,5 +145,7 @@ def as_candump(columns: Columns, path: Path) -> None:
         for node, joint in enumerate(joints):
             turns = [columns[f"{of}_{joint}"][k] / (2 * np.pi) for of in ("q", "dq")]
             for command, pair in ((9, turns), (0x14, [0.0, columns[f"tau_{joint}"][k]])):
-                lines.append(f"({t:.6f}) can0 {node << 5 | command:03X}#{struct.pack('<ff', *pair).hex().upper()}\n")
+                lines.append(
+                    f"({t:.6f}) can0 {node << 5 | command:03X}#{struct.pack('<ff', *pair).hex().upper()}\n"
+                )
     path.write_text("".join(lines), "utf-8")

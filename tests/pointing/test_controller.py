@@ -50,7 +50,13 @@ def made() -> Controller:
     station = Station.of(rig)
     spectrum = Spectrum.of(rehearse_platform(rig)[1], DT)
     return Controller(
-        Recipe(nominal(unbalance_payload(rig)), WANTED, spectrum, station.noise, float(station.step.max()))
+        Recipe(
+            nominal(unbalance_payload(rig)),
+            WANTED,
+            spectrum,
+            station.noise,
+            float(station.step.max()),
+        )
     )
 
 
@@ -136,7 +142,14 @@ def test_the_loop_of_ones_own_is_the_simulations() -> None:
     plant = nominal(unbalance_payload(rig))
     ground = draw_profile(rig, 0.3, 0)
     runs = [
-        simulate_holding(plant, who, ground, rng=np.random.default_rng(1), seconds=0.3, station=Station.exact(rig))
+        simulate_holding(
+            plant,
+            who,
+            ground,
+            rng=np.random.default_rng(1),
+            seconds=0.3,
+            station=Station.exact(rig),
+        )
         for who in (Stepped(), controller.pointer)
     ]
     np.testing.assert_allclose(runs[0].error, runs[1].error, atol=1e-9)
@@ -146,7 +159,9 @@ def test_a_controller_is_learned_from_a_shaken_log() -> None:
     rig = bundled("turret")
     log = simulate_shaken_log(nominal(rig), seconds=4.0)
     controller = Controller.learn(rig, log, attitude(0.1, 0.2))
-    still = Measurement(0.0, np.array([0.1, 0.2]), np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.81]))
+    still = Measurement(
+        0.0, np.array([0.1, 0.2]), np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.81])
+    )
     torque = [controller.step(still._replace(t=k * DT)) for k in range(5)][-1]
     needed = nominal(rig).inverse(still.q[None], np.zeros((1, 2)), np.zeros((1, 2)))[0]
     np.testing.assert_allclose(torque, needed, atol=0.05 * float(rig.tau_max.max()))
@@ -158,7 +173,9 @@ def test_a_controller_is_learned_from_a_shaken_log() -> None:
 def test_gravity_says_where_up_is(roll: float, pitch: float) -> None:
     R = attitude(0.0, pitch, roll)
     np.testing.assert_allclose(leveled(R.T @ [0, 0, 9.81]), R, atol=1e-12)
-    assert (leveled(np.full(3, np.nan)) == np.eye(3)).all() and (leveled(np.zeros(3)) == np.eye(3)).all()
+    assert (leveled(np.full(3, np.nan)) == np.eye(3)).all() and (
+        leveled(np.zeros(3)) == np.eye(3)
+    ).all()
 
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.integers(0, 100), st.booleans())
@@ -209,7 +226,9 @@ def test_a_camera_that_starts_on_one_sample_becomes_level() -> None:
         ("noise", None, "noise"),
     ],
 )
-def test_a_file_that_is_no_controller_says_what_is_wrong(tmp_path: Path, key: str, value: object, said: str) -> None:
+def test_a_file_that_is_no_controller_says_what_is_wrong(
+    tmp_path: Path, key: str, value: object, said: str
+) -> None:
     path = tmp_path / "camera.json"
     made().save(path)
     path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
@@ -228,7 +247,9 @@ def test_a_delay_is_a_number_of_samples(delay: Any) -> None:
 
 
 @pytest.mark.parametrize("field", Measurement._fields)
-@pytest.mark.parametrize("value", [None, "0", [0.0] * 3, np.zeros(2), np.zeros((1, 3)), np.array(["a", "b", "c"])])
+@pytest.mark.parametrize(
+    "value", [None, "0", [0.0] * 3, np.zeros(2), np.zeros((1, 3)), np.array(["a", "b", "c"])]
+)
 def test_a_measurement_of_another_kind_is_refused(field: str, value: Any) -> None:
     """By the sentence that names it; what was remembered stays, and numbers of any size go through."""
     controller = made()
@@ -238,7 +259,9 @@ def test_a_measurement_of_another_kind_is_refused(field: str, value: Any) -> Non
     with pytest.raises(UsageError, match="measurement"):
         controller.step(stream[1]._replace(**{field: value}))
     assert controller.memory is before
-    controller.step(stream[1]._replace(t=1, q=stream[1].q.astype(np.float32), gyro=np.zeros(3, int)))
+    controller.step(
+        stream[1]._replace(t=1, q=stream[1].q.astype(np.float32), gyro=np.zeros(3, int))
+    )
 
 
 class Bench:
@@ -283,7 +306,9 @@ def test_from_anywhere_the_camera_turns_to_where_it_shall_look(name: str) -> Non
     rig = bundled(name)
     controller = exact(name)
     rng = np.random.default_rng(len(name))
-    lower, upper, fastest = (np.array([getattr(x, of) for x in rig.limits]) for of in ("lower", "upper", "velocity"))
+    lower, upper, fastest = (
+        np.array([getattr(x, of) for x in rig.limits]) for of in ("lower", "upper", "velocity")
+    )
     q = lower + (upper - lower) * rng.random(rig.n)
     way = controller.recipe.looking - q
     angles, rates, torques = Bench(controller, q, 3.0).run(3.0)
@@ -320,7 +345,9 @@ def test_the_camera_is_held_where_it_looks() -> None:
 
 @pytest.mark.parametrize("seconds", [0.05, 0.12, 0.3, 0.5])
 @pytest.mark.parametrize("other", [None, attitude(-0.3, 0.1)])
-def test_in_the_midst_of_a_fast_turn_the_camera_comes_to_rest(seconds: float, other: Array | None) -> None:
+def test_in_the_midst_of_a_fast_turn_the_camera_comes_to_rest(
+    seconds: float, other: Array | None
+) -> None:
     """Within rates and torques; then it turns to where it shall look, and is there for good."""
     controller = exact("thesis")
     rig = bundled("thesis")
@@ -331,7 +358,9 @@ def test_in_the_midst_of_a_fast_turn_the_camera_comes_to_rest(seconds: float, ot
     controller.hold(other)
     _, rates, torques = bench.run(2.5)
     assert np.degrees(np.abs(sight.error(sight.attitude(bench.state.q), goal))).max() < 0.02
-    assert (np.abs(torques) < rig.tau_max).all() and (np.abs(rates) < [x.velocity for x in rig.limits]).all()
+    assert (np.abs(torques) < rig.tau_max).all() and (
+        np.abs(rates) < [x.velocity for x in rig.limits]
+    ).all()
     along = rates @ before / (before @ before)
     at_rest = int(np.argmax(along < 0.02))
     assert 0 < at_rest * DT < 0.5 and along[:at_rest].max() < 1.2
@@ -357,7 +386,9 @@ def test_a_camera_may_look_along_any_axis(tmp_path: Path) -> None:
     """The same rig whose camera looks backwards is held with the same torques."""
     torques = []
     for axis in ("x", "-x", "y"):
-        text = (URDF / "thesis.yaml").read_text() + f"optical_axis: {axis}\nurdf: {URDF / 'thesis.urdf'}\n"
+        text = (
+            URDF / "thesis.yaml"
+        ).read_text() + f"optical_axis: {axis}\nurdf: {URDF / 'thesis.urdf'}\n"
         (tmp_path / "own.yaml").write_text(text)
         rig = Rig.load(tmp_path / "own.yaml")
         controller = Controller.learn(rig, simulate_shaken_log(nominal(rig), seconds=4.0))
@@ -386,7 +417,9 @@ def test_a_single_wrong_reading_moves_no_camera(name: str) -> None:
     peaks = list[float]()
     for size in (0.0, 0.1, 10.0, 1e6, 1e155):
         holder = FailingSensors(pointer, (Spike(name, size),))
-        run = simulate_holding(made().recipe.model, holder, ground, rng=np.random.default_rng(1), seconds=1.0)
+        run = simulate_holding(
+            made().recipe.model, holder, ground, rng=np.random.default_rng(1), seconds=1.0
+        )
         peaks.append(np.hypot(*run.error[500:, 1:].T).max())
         assert not any("given up" in event or "differ" in event for event in run.events)
     assert max(peaks) < 2 * peaks[0]
@@ -395,13 +428,21 @@ def test_a_single_wrong_reading_moves_no_camera(name: str) -> None:
 READING = st.sampled_from([0.0, 1.0, np.nan, np.inf, -1e9])
 
 
-@given(st.lists(st.tuples(st.sampled_from([DT, -1.0, np.nan, 5.0]), *[READING] * 4), min_size=1, max_size=15))
-def test_whatever_is_measured_the_torque_is_finite_and_within_limits(stream: list[tuple[float, ...]]) -> None:
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([DT, -1.0, np.nan, 5.0]), *[READING] * 4), min_size=1, max_size=15
+    )
+)
+def test_whatever_is_measured_the_torque_is_finite_and_within_limits(
+    stream: list[tuple[float, ...]],
+) -> None:
     controller = made()
     limit = bundled("thesis").tau_max
     t = 0.0
     controller.memory = None
     for step, *values in stream:
         t = t + step if np.isfinite(t) else step
-        torque = controller.step(Measurement(t, *(np.full(3, x) for x in values), np.full(3, values[0])))
+        torque = controller.step(
+            Measurement(t, *(np.full(3, x) for x in values), np.full(3, values[0]))
+        )
         assert np.isfinite(torque).all() and (np.abs(torque) <= limit * (1 + 1e-12)).all()

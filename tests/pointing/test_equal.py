@@ -14,7 +14,16 @@ from hypothesis import strategies as st
 from gimbal_pin.control import EqualMarginLoop
 from gimbal_pin.dynamics import Model, nominal
 from gimbal_pin.effects import Delay
-from gimbal_pin.pointing import WANTED, Pointing, Recipe, Row, Spectrum, Station, rehearse_platform, unbalance_payload
+from gimbal_pin.pointing import (
+    WANTED,
+    Pointing,
+    Recipe,
+    Row,
+    Spectrum,
+    Station,
+    rehearse_platform,
+    unbalance_payload,
+)
 from gimbal_pin.rig import Rig
 
 DT = 1e-3
@@ -53,16 +62,29 @@ def test_each_drives_forecast_is_weighted_by_its_own_loops() -> None:
     assert forecast.gains == (alone.pid, found.equals[0].pid)
 
 
-@given(st.lists(st.tuples(st.floats(0, 99), st.sampled_from(["yaw at its limit for 0.05 s", "3 samples never came"]))))
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(0, 99),
+            st.sampled_from(["yaw at its limit for 0.05 s", "3 samples never came"]),
+        )
+    )
+)
 def test_every_event_counts_once(events: list[tuple[float, str]]) -> None:
     t = DT * np.arange(9)
     zero = np.zeros((9, 3))
     level = np.tile([1.0, 0.0, 0.0, 0.0], (9, 1))
-    run = Pointing("made", "S", 0, plant().rig.joints, t, zero, zero, zero, level, plant().rig.tau_max)
-    told = Row("a", (replace(run, events=tuple(f"{t:.3f} s: {what}" for t, what in events)),)).happened
+    run = Pointing(
+        "made", "S", 0, plant().rig.joints, t, zero, zero, zero, level, plant().rig.tau_max
+    )
+    told = Row(
+        "a", (replace(run, events=tuple(f"{t:.3f} s: {what}" for t, what in events)),)
+    ).happened
     assert len(told) == len({what for _, what in events})
     counts = [int(line.split("(")[1].split()[0]) if line.endswith("times)") else 1 for line in told]
     assert sum(counts) == len(events)
     for line in told:
         what = line.split(" s: ", 1)[1].split(" (")[0]
-        assert float(line.split()[0]) == pytest.approx(min(t for t, one in events if one == what), abs=1e-3)
+        assert float(line.split()[0]) == pytest.approx(
+            min(t for t, one in events if one == what), abs=1e-3
+        )

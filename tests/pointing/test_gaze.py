@@ -52,11 +52,24 @@ def verified() -> Verified:
     t = 1e-3 * np.arange(4001)
     swing = 0.2 * np.sin(np.outer(t, [2.0, 3.0, 2.5]) + np.arange(3.0))
     base = np.array([pin.Quaternion(pin.exp3(turn)).coeffs()[[3, 0, 1, 2]] for turn in swing])
-    shape = np.sin(np.outer(t, 2 * np.pi * np.array([3.0, 5.0, 7.0]))) + 0.2 * rng.standard_normal((len(t), 3))
+    shape = np.sin(np.outer(t, 2 * np.pi * np.array([3.0, 5.0, 7.0]))) + 0.2 * rng.standard_normal(
+        (len(t), 3)
+    )
     q = np.tile([0.3, 0.0, 0.4], (len(t), 1))
     tau = np.sin(np.outer(t, [1.0, 2.0, 3.0]))
     runs = [
-        Pointing(name, "S", 0, bundled("thesis").joints, t, size * shape, q, tau, base, bundled("thesis").tau_max)
+        Pointing(
+            name,
+            "S",
+            0,
+            bundled("thesis").joints,
+            t,
+            size * shape,
+            q,
+            tau,
+            base,
+            bundled("thesis").tau_max,
+        )
         for name, size in SIZES.items()
     ]
     rows = tuple(Row(run.controller, (run,)) for run in runs)
@@ -71,7 +84,9 @@ def page() -> str:
 def test_a_held_camera_is_a_table_a_figure_and_a_scene(tmp_path: Path) -> None:
     found = verified()
     assert found.to_frame()["controller"].tolist() == list(SIZES) and len(found.plot().axes) == 3
-    assert found.animate(tmp_path / "held.html").page == (tmp_path / "held.html").read_text(encoding="utf-8")
+    assert found.animate(tmp_path / "held.html").page == (tmp_path / "held.html").read_text(
+        encoding="utf-8"
+    )
     assert 'class="scene"' in found._repr_html_()
 
 
@@ -84,13 +99,21 @@ def placed(points: Array, turned: Array) -> Array:
 vectors = st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3).map(np.array)
 
 
-def test_a_camera_that_turns_left_sees_the_target_move_right_and_one_that_nods_sees_it_rise() -> None:
-    np.testing.assert_allclose(placed(AHEAD, np.array([0.0, 0.0, 0.1]))[0], [np.tan(0.1), 0.0], atol=1e-12)
-    np.testing.assert_allclose(placed(AHEAD, np.array([0.0, 0.1, 0.0]))[0], [0.0, np.tan(0.1)], atol=1e-12)
+def test_a_camera_that_turns_left_sees_the_target_move_right_and_one_that_nods_sees_it_rise() -> (
+    None
+):
+    np.testing.assert_allclose(
+        placed(AHEAD, np.array([0.0, 0.0, 0.1]))[0], [np.tan(0.1), 0.0], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        placed(AHEAD, np.array([0.0, 0.1, 0.0]))[0], [0.0, np.tan(0.1)], atol=1e-12
+    )
     np.testing.assert_allclose(placed(AHEAD, np.array([0.3, 0.0, 0.0]))[0], 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("wanted", [WANTED, attitude(-2.0, -0.1) @ pin.exp3(np.array([0.4, 0.0, 0.0]))])
+@pytest.mark.parametrize(
+    "wanted", [WANTED, attitude(-2.0, -0.1) @ pin.exp3(np.array([0.4, 0.0, 0.0]))]
+)
 def test_the_ground_is_level_in_the_world_and_the_hills_stand_on_it(wanted: Array) -> None:
     up, lines, hills = gaze.scenery(wanted)
     np.testing.assert_allclose(up, wanted[2], atol=1e-12)
@@ -104,10 +127,14 @@ def test_the_outlook_is_the_runs_own_and_shows_the_largest_swing() -> None:
     seen = outlook(verified(), WANTED, seconds=1.0)
     run = verified().rows[1].runs[0]
     rows = np.searchsorted(run.t, seen.t - 1e-9)
-    assert [one.controller for one in seen.held] == ["pid", "computed-torque"] and 55 <= len(seen.t) <= 60
+    assert [one.controller for one in seen.held] == ["pid", "computed-torque"] and 55 <= len(
+        seen.t
+    ) <= 60
     np.testing.assert_array_equal(seen.held[1].turned, run.error[rows])
     assert seen.held[1].jitter == pytest.approx(run.jitter[0], rel=1e-12)
-    np.testing.assert_allclose(seen.held[0].turned, SIZES["pid"] / SIZES["computed-torque"] * seen.held[1].turned)
+    np.testing.assert_allclose(
+        seen.held[0].turned, SIZES["pid"] / SIZES["computed-torque"] * seen.held[1].turned
+    )
     for turned, quat in zip(seen.bolted.turned[::20], run.base[rows][::20]):
         turn = pin.Quaternion(*quat.tolist()).matrix()
         np.testing.assert_allclose(WANTED @ pin.exp3(turned), turn @ WANTED, atol=1e-12)
@@ -115,7 +142,9 @@ def test_the_outlook_is_the_runs_own_and_shows_the_largest_swing() -> None:
     assert liveliest(swing, 20) == (50, 70) and liveliest(swing, 500) == (0, 120)
 
 
-def test_the_platform_turns_about_the_pivot_and_the_target_stands_where_the_camera_should_look() -> None:
+def test_the_platform_turns_about_the_pivot_and_the_target_stands_where_the_camera_should_look() -> (
+    None
+):
     run = verified().rows[1].runs[0]
     pivot = Sight(bundled("thesis")).centre
     base = run.base[::200][:, [1, 2, 3, 0]]
@@ -127,14 +156,22 @@ def test_the_platform_turns_about_the_pivot_and_the_target_stands_where_the_came
     away = corners[:8].mean(axis=0) - rays(bundled("thesis"), shown)[0].mean(axis=0)
     np.testing.assert_allclose(away, stage.DISTANCE * 0.5 * WANTED[:, 0], atol=1e-9)
     scene = onboard(bundled("thesis"), run, outlook(verified(), WANTED), WANTED)
-    for word in ("Bolted to the platform", "Held by computed torque", "joints locked", "horizon", "target"):
+    for word in (
+        "Bolted to the platform",
+        "Held by computed torque",
+        "joints locked",
+        "horizon",
+        "target",
+    ):
         assert word in scene
 
 
 def test_the_page_says_what_was_run() -> None:
     tree = parsed(page())
     text = tree.text_content()
-    ours, theirs = (f"{figures(degrees(verified().jitter[name]), 2)}°" for name in ("computed-torque", "pid"))
+    ours, theirs = (
+        f"{figures(degrees(verified().jitter[name]), 2)}°" for name in ("computed-torque", "pid")
+    )
     for row in verified().rows:
         own = f"{figures(degrees(row.jitter_rms), 2)}° rms of jitter with torque"
         torques = [f"{joint} {figures(size, 2)}" for joint, size in row.torque_rms.items()]
@@ -143,7 +180,10 @@ def test_the_page_says_what_was_run() -> None:
     assert "A note." in text
     rows = [[cell.text_content().strip() for cell in row] for row in tree.xpath("//tbody")[0]]
     assert [row[0] for row in rows] == ["PID", "computed torque"]
-    assert (len(tree.xpath("//script")), len(tree.xpath("//iframe"))) == (2, 1)  # the frame's own, and the charts'
+    assert (len(tree.xpath("//script")), len(tree.xpath("//iframe"))) == (
+        2,
+        1,
+    )  # the frame's own, and the charts'
 
 
 def test_who_is_long_at_the_torque_limit_of_which_joints_is_told() -> None:
@@ -175,9 +215,9 @@ def test_the_torque_card_says_for_how_long_the_limit_is_reached(share: float, to
     row = replace(ours, runs=(replace(run, tau=tau),))
     card = numbers(replace(verified(), rows=(verified().rows[0], row)))[2]
     assert (card.value, card.tone) == ("100 %" if share else "60 %", tone)
-    assert card.note.endswith(f", and at it {figures(100 * share, 2)} % of the time" if share else "at most: yaw"), (
-        card.note
-    )
+    assert card.note.endswith(
+        f", and at it {figures(100 * share, 2)} % of the time" if share else "at most: yaw"
+    ), card.note
 
 
 def test_the_headline_says_when_margins_differ() -> None:
@@ -189,11 +229,18 @@ def test_the_headline_says_when_margins_differ() -> None:
 
 
 def test_what_cannot_hold_a_camera_says_why() -> None:
-    assert [unable(Rig.load(name), WANTED) for name in ("thesis", "handheld", "turret")] == [None] * 3
+    assert [unable(Rig.load(name), WANTED) for name in ("thesis", "handheld", "turret")] == [
+        None
+    ] * 3
     limits = tuple(replace(limit, upper=0.1, lower=-0.1) for limit in bundled("thesis").limits)
     assert "reaches its limit" in str(unable(replace(bundled("thesis"), limits=limits), WANTED))
-    strong = replace(bundled("thesis"), motors=tuple(replace(motor, tau_max=inf) for motor in bundled("thesis").motors))
-    endless = replace(strong, limits=tuple(replace(limit, effort=inf) for limit in bundled("thesis").limits))
+    strong = replace(
+        bundled("thesis"),
+        motors=tuple(replace(motor, tau_max=inf) for motor in bundled("thesis").motors),
+    )
+    endless = replace(
+        strong, limits=tuple(replace(limit, effort=inf) for limit in bundled("thesis").limits)
+    )
     with pytest.raises(UsageError, match="torque limits are not stated"):
         verify(endless)
 
@@ -203,10 +250,16 @@ def test_where_no_imu_says_how_the_platform_moves_profile_s_does() -> None:
     from tests.bench_logs import prescribed
 
     turret = Rig.load("turret")
-    taught = learn_recipe(turret, prescribed(nominal(turret), seconds=3.0), Station.of(turret), nominal(turret))
+    taught = learn_recipe(
+        turret, prescribed(nominal(turret), seconds=3.0), Station.of(turret), nominal(turret)
+    )
     power = taught.spectrum
     line, beside = (power.rate[np.abs(power.f - hz) < 2].max() for hz in (75.0, 100.0))
-    assert line > 10 * beside and power.rate[2:10].sum() > power.rate[20:200].sum() and taught.trusted == (True, True)
+    assert (
+        line > 10 * beside
+        and power.rate[2:10].sum() > power.rate[20:200].sum()
+        and taught.trusted == (True, True)
+    )
 
 
 PLACES = """(() => { const page = document.querySelector('iframe').contentWindow, out = [];
@@ -234,7 +287,9 @@ def test_a_browser_draws_what_the_cameras_see_where_it_lies(tmp_path: Path) -> N
     seen = outlook(verified(), WANTED)
     several = gaze.build_pictures(seen)
     expected = [
-        placed(np.array([[1.0, 0.1, -0.05]]), one.turned[i])[0] / one.half for one in several for i in (0, 40, 90)
+        placed(np.array([[1.0, 0.1, -0.05]]), one.turned[i])[0] / one.half
+        for one in several
+        for i in (0, 40, 90)
     ]
     for changed, places, (below, beside, clock) in (said.values[:3], said.values[3:]):
         assert (below, beside) == (0, 0) and clock.startswith("2.40 / ")
@@ -248,6 +303,10 @@ def test_axe_has_nothing_against_what_the_cameras_see_light_or_dark(tmp_path: Pa
     path = tmp_path / "report.html"
     found = list[object]()
     path.write_text(page(), encoding="utf-8")
-    audits = [step for scheme in ("light", "dark") for step in (media("screen", scheme), pause(0.5), audit(found))]
+    audits = [
+        step
+        for scheme in ("light", "dark")
+        for step in (media("screen", scheme), pause(0.5), audit(found))
+    ]
     visit(path.as_uri(), OPEN, wide(1280), *audits)
     assert found == []

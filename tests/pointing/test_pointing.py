@@ -100,10 +100,14 @@ def test_the_cameras_rate_and_its_acceleration(name: str) -> None:
     sight = Sight(rig)
     q, v, w, dw = (rng.uniform(-0.5, 0.5, size) for size in (rig.n, rig.n, 3, 3))
     view = sight.view(q)
-    np.testing.assert_allclose(sight.rate(q, v, w)[sight.rows], (view.R.T @ w)[sight.rows] + view.J @ v, atol=1e-12)
+    np.testing.assert_allclose(
+        sight.rate(q, v, w)[sight.rows], (view.R.T @ w)[sight.rows] + view.J @ v, atol=1e-12
+    )
     base = Platform(np.zeros(1), np.zeros((1, 3)), w[None], dw[None])
     links = gyros_between(rig)
-    told = compute_imu_readings(rig, [rig.camera_frame, *links], q[None], v[None], np.zeros((1, rig.n)), base)
+    told = compute_imu_readings(
+        rig, [rig.camera_frame, *links], q[None], v[None], np.zeros((1, rig.n)), base
+    )
     gyros = [np.asarray(told[link].gyro)[0] for link in (rig.camera_frame, *links)]
     np.testing.assert_allclose(np.concatenate(gyros), sight.rates(q, v, w), atol=1e-12)
     assert len(links) == (0 if name == "turret" else 1)
@@ -147,7 +151,9 @@ def test_near_roll_90_the_inverse_stays_bounded(roll: float) -> None:
     assert np.abs(view.inverse).max() <= STEEP + 1e-9
     if not view.steep:
         np.testing.assert_allclose(view.inverse @ view.J, np.eye(3), atol=1e-10)
-    assert view.steep == (1 / max(np.cos(roll), 1e-12) > STEEP) or abs(1 / np.cos(roll) - STEEP) < 0.3
+    assert (
+        view.steep == (1 / max(np.cos(roll), 1e-12) > STEEP) or abs(1 / np.cos(roll) - STEEP) < 0.3
+    )
 
 
 @pytest.mark.parametrize("roll", [70.0, 80.0, 88.0])
@@ -175,7 +181,11 @@ def test_the_axes_meet_in_the_centre(name: str) -> None:
     assert sight.apart < 1e-9 < Sight(rig_of("handheld")).apart
     ground = profile_s(t, np.random.default_rng(1))
     moved = ground.about(sight.centre)
-    there = moved.f + np.cross(moved.dw, sight.centre) + np.cross(moved.w, np.cross(moved.w, sight.centre))
+    there = (
+        moved.f
+        + np.cross(moved.dw, sight.centre)
+        + np.cross(moved.w, np.cross(moved.w, sight.centre))
+    )
     np.testing.assert_allclose(there, ground.f, atol=1e-9)
 
 
@@ -191,7 +201,9 @@ def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     force = weights[2]
     assert force.sum() == pytest.approx(1.0, abs=1e-3)
     ground = profile_s(t, np.random.default_rng(4))
-    past = np.lib.stride_tricks.sliding_window_view(np.asarray(ground.w[::2]), TAPS, axis=0)[:, :, ::-1]
+    past = np.lib.stride_tricks.sliding_window_view(np.asarray(ground.w[::2]), TAPS, axis=0)[
+        :, :, ::-1
+    ]
     first = 2 * (TAPS - 1) + 3
     count = len(past) - 2
     now = ground.w[first - 3 :: 2][:count]
@@ -202,8 +214,12 @@ def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     true = ground.dw[first::2][:count]
     assert np.std(foreseen - true) < 0.2 * np.std(true)
     coarse = Forecast(spectrum().until(200.0), (PID,), DT, (0.0015,)).weights[0]
-    assert np.linalg.norm(coarse[1]) < 1.5 * np.linalg.norm(rate[1])  # what was not sampled is noise all the same
-    filled = forecast.step(forecast.start(ground.w[0], ground.f[0]), DT, ground.w[1], ground.f[1]).taps
+    assert np.linalg.norm(coarse[1]) < 1.5 * np.linalg.norm(
+        rate[1]
+    )  # what was not sampled is noise all the same
+    filled = forecast.step(
+        forecast.start(ground.w[0], ground.f[0]), DT, ground.w[1], ground.f[1]
+    ).taps
     np.testing.assert_array_equal(filled[0], [*ground.w[1], *ground.f[1]])
     np.testing.assert_array_equal(filled[TAPS - 1], [*ground.w[0], *ground.f[0]])
 
@@ -221,7 +237,10 @@ def test_a_forecast_is_used_while_it_errs_less_than_none() -> None:
     rng = np.random.default_rng(5)
     t = DT / 2 * np.arange(9001)
     ground = profile_s(t, rng)
-    w, f = (x[::2] + size * rng.standard_normal((4501, 3)) for x, size in ((ground.w, 2e-3), (ground.f, 0.02)))
+    w, f = (
+        x[::2] + size * rng.standard_normal((4501, 3))
+        for x, size in ((ground.w, 2e-3), (ground.f, 0.02))
+    )
     known = Forecast(spectrum(), (PID,), DT, (0.0015,))
     assert (last := flown(known, w[:1200], f[:1200])[-1]).trust == 1.0 and not last.events
     wave = np.sin(2 * pi * 110.0 * DT * np.arange(len(w)))[:, None]
@@ -235,7 +254,11 @@ def test_a_forecast_is_used_while_it_errs_less_than_none() -> None:
     memory = [memory[-1]]
     for k in range(200):
         own = np.sin(2 * pi * 170.0 * DT * k)
-        memory.append(known.step(memory[-1], 4.5 + k * DT, w[k] - 0.05 * (wave[k] - own), f[k] - 2 * (wave[k] - own)))
+        memory.append(
+            known.step(
+                memory[-1], 4.5 + k * DT, w[k] - 0.05 * (wave[k] - own), f[k] - 2 * (wave[k] - own)
+            )
+        )
     assert memory[100].trust == 0.0 and "none is used" in memory[-1].events[-1]
 
 
@@ -247,7 +270,9 @@ def test_filters_learned_in_flight_are_those_of_what_was_seen() -> None:
     f = 9.81 + rng.standard_normal((3100, 3))
     memory = flown(forecast, w, f)
     changed = [k for k in range(1, 3100) if memory[k].weights is not memory[k - 1].weights]
-    assert len(changed) == 2 and all(memory[k].weights is memory[k - 1].weights for k in (2048, 3072))
+    assert len(changed) == 2 and all(
+        memory[k].weights is memory[k - 1].weights for k in (2048, 3072)
+    )
     for k in changed:
         seen = Forecast(forecast.known(memory[k]), forecast.gains, DT, forecast.leads)
         for found, wanted in zip(memory[k].weights, seen.weights):
@@ -261,7 +286,10 @@ def test_none_has_one_gain_and_one_phase() -> None:
         s = 2j * pi * hz
         t = DT * np.arange(3)
         wave = np.exp(s * t)
-        w, dw, f = [complex(*x) for x in np.array([seen(forecast, part) for part in (wave.real, wave.imag)]).T]
+        w, dw, f = [
+            complex(*x)
+            for x in np.array([seen(forecast, part) for part in (wave.real, wave.imag)]).T
+        ]
         before = np.exp(s * (t[2] - DT / 2))
         assert f == w and abs(w) <= 1 and abs(dw) <= abs(s)
         assert np.angle(w / before) == pytest.approx(0, abs=1e-9) == np.angle(dw / (s * before))
@@ -299,7 +327,9 @@ def test_fusion_halves_the_walk_and_leaves_the_motion_alone() -> None:
         memory = fusion.compared(memory.on(other[None], DT), camera, [np.eye(3)])
         last = gyro
         own.append(pin.log3(camera)), fused.append(pin.log3(camera @ pin.exp3(memory.turn)))
-    assert np.mean(np.diff(fused[::200], axis=0) ** 2) < 0.7 * np.mean(np.diff(own[::200], axis=0) ** 2)
+    assert np.mean(np.diff(fused[::200], axis=0) ** 2) < 0.7 * np.mean(
+        np.diff(own[::200], axis=0) ** 2
+    )
     still = Fused.begun([np.eye(3)], np.ones((1, 3))).on(np.ones((1, 3)), DT)
     after = fusion.compared(still, pin.exp3(np.ones(3) * DT), [np.eye(3)])
     assert max(np.abs(after.turn).max(), np.abs(after.rate).max()) < 1e-12
@@ -314,17 +344,24 @@ def test_gaps_beyond_the_gyros_noise_end_the_fusion(scale: float, ended: bool) -
     memory = Fused.begun([np.eye(3)], np.zeros((1, 3)))
     last = np.zeros(3)
     for k in range(6000):
-        angle, rate = np.array([[radians(5)], [radians(5) * pi]]) * [[np.sin(pi * k * DT)], [np.cos(pi * k * DT)]]
+        angle, rate = np.array([[radians(5)], [radians(5) * pi]]) * [
+            [np.sin(pi * k * DT)],
+            [np.cos(pi * k * DT)],
+        ]
         noise = GYRO / np.sqrt(2 * DT) * rng.standard_normal((2, 3))
         other = noise[1] + [0, (1 + scale) * rate[0], 0]
         camera = camera @ pin.exp3((last + noise[0]) * DT / 2)
         last = noise[0]
         q = np.rint(angle[0] / fusion.step) * fusion.step
-        memory = fusion.compared(memory.on(other[None], DT), camera, [pin.exp3(np.array([0, -q, 0]))])
+        memory = fusion.compared(
+            memory.on(other[None], DT), camera, [pin.exp3(np.array([0, -q, 0]))]
+        )
         if memory.ended:
             break
     assert memory.ended == ended
-    assert not ended or (k < 500 and not memory.rate.any() and np.abs(memory.turn).max() < fusion.bound)
+    assert not ended or (
+        k < 500 and not memory.rate.any() and np.abs(memory.turn).max() < fusion.bound
+    )
 
 
 def test_what_is_fast_is_the_plain_formula() -> None:
@@ -335,7 +372,9 @@ def test_what_is_fast_is_the_plain_formula() -> None:
     forecast = Forecast(spectrum(), (PID, PID), DT, (0.0, 0.0015))
     taps = rng.standard_normal((TAPS + 1, 6))
     past = forecast.start(np.zeros(3), np.zeros(3))._replace(taps=taps[1:], trust=1.0)
-    past = forecast.step(past._replace(scores=np.array([[0.0] * 4, [1.0] * 4])), 0.0, *np.split(taps[0], 2))
+    past = forecast.step(
+        past._replace(scores=np.array([[0.0] * 4, [1.0] * 4])), 0.0, *np.split(taps[0], 2)
+    )
     taps = taps[:-1]
     for weights, ahead in zip(forecast.weights, forecast.ahead(past)):
         plain = [weights[2] @ taps[:, 3:], weights[0] @ taps[:, :3], weights[1] @ taps[:, :3]]
@@ -348,7 +387,9 @@ def test_what_is_fast_is_the_plain_formula() -> None:
     memory = Fused.begun([camera @ R.T for R in to], others).on(others, DT)
     after = fusion.compared(memory, camera, to)
     moved = [pin.log3(camera.T @ camera @ R.T @ pin.exp3(DT * w) @ R) for R, w in zip(to, others)]
-    np.testing.assert_allclose(after.turn, fusion.gain * np.sum(moved, axis=0) / 3, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(
+        after.turn, fusion.gain * np.sum(moved, axis=0) / 3, rtol=1e-12, atol=1e-15
+    )
     np.testing.assert_allclose(after.rate, after.turn / DT, rtol=1e-12)
 
 
@@ -369,13 +410,17 @@ def test_the_aim_is_the_plain_formula(name: str) -> None:
     v = inverse @ (gyro - view.R.T @ w)[rows]
     np.testing.assert_allclose(fix.v, v, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(fix.aim.v, v - inverse @ gyro[rows], rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(fix.aim.q, q + inverse @ pin.log3(camera.T @ WANTED)[rows], rtol=1e-12)
+    np.testing.assert_allclose(
+        fix.aim.q, q + inverse @ pin.log3(camera.T @ WANTED)[rows], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("channel", range(5))
 @pytest.mark.parametrize("times", [*np.linspace(0.5, 4.0, 15), 1e9])
 @given(st.integers(0, 100), st.integers(0, 2))
-def test_a_wrong_reading_costs_no_right_one(channel: int, times: float, seed: int, axis: int) -> None:
+def test_a_wrong_reading_costs_no_right_one(
+    channel: int, times: float, seed: int, axis: int
+) -> None:
     """One so many times as large as changes: the next is used as it is; held angles go on with the joints' rates."""
     rng = np.random.default_rng(seed)
     guard = Guard(DT)
@@ -386,7 +431,10 @@ def test_a_wrong_reading_costs_no_right_one(channel: int, times: float, seed: in
         noise = [x * rng.uniform(-1, 1, 3) for x in size]
         noise[0] = k * DT * v * [1, 1, 0]  # the third moves by less than its encoder's step
         true = Measurement(k * DT, *noise)
-        wrong = {Measurement._fields[channel + 1]: noise[channel] + times * max(size[channel], 0.01) * np.eye(3)[axis]}
+        wrong = {
+            Measurement._fields[channel + 1]: noise[channel]
+            + times * max(size[channel], 0.01) * np.eye(3)[axis]
+        }
         seen = true._replace(**wrong) if k == 50 else true  # type: ignore[arg-type]
         watch = guard.start(seen) if watch is None else watch
         used, watch = guard.step(seen, watch, v)
@@ -396,8 +444,13 @@ def test_a_wrong_reading_costs_no_right_one(channel: int, times: float, seed: in
             np.testing.assert_allclose(used.q, true.q, atol=1e-4)
 
 
-@given(st.lists(st.floats(-120, 120), min_size=9, max_size=9), st.lists(st.floats(-3e-3, 3e-3), min_size=3, max_size=3))
-def test_the_guards_quick_way_passes_nothing_that_sifting_stops(rates: list[float], moved: list[float]) -> None:
+@given(
+    st.lists(st.floats(-120, 120), min_size=9, max_size=9),
+    st.lists(st.floats(-3e-3, 3e-3), min_size=3, max_size=3),
+)
+def test_the_guards_quick_way_passes_nothing_that_sifting_stops(
+    rates: list[float], moved: list[float]
+) -> None:
     guard = Guard(DT)
     (gyro, w, links) = np.array(rates).reshape(3, 3)
     seen = Measurement(0.0, np.zeros(3), gyro, w, np.ones(3), links)
@@ -409,7 +462,9 @@ def test_the_guards_quick_way_passes_nothing_that_sifting_stops(rates: list[floa
 
 @pytest.mark.parametrize("steep", [False, True])
 @pytest.mark.parametrize("stuck", [1, 3])
-def test_near_a_singular_pose_gyros_tell_that_joints_move_and_not_which(stuck: int, steep: bool) -> None:
+def test_near_a_singular_pose_gyros_tell_that_joints_move_and_not_which(
+    stuck: int, steep: bool
+) -> None:
     """There one joint may stand though the damped inverse moves it; encoders that all stand while it moves failed."""
     guard = Guard(DT, noisy=False)
     first = Measurement(0.0, np.zeros(3), *(np.zeros(3) for _ in range(4)))
@@ -432,25 +487,39 @@ def test_without_error_the_law_is_the_models_inverse() -> None:
     law = CarriedTorque(model, (PID,) * 3, DT)
     tau, _ = law.torque(0.0, q, v, aim, law.start())
     base = Platform(np.zeros(1), f[None], w[None], dw[None])
-    np.testing.assert_allclose(tau, model.inverse(q[None], v[None], a[None], platform=base)[0], atol=1e-9)
+    np.testing.assert_allclose(
+        tau, model.inverse(q[None], v[None], a[None], platform=base)[0], atol=1e-9
+    )
     bare, _ = replace(law, model=replace(model, terms=())).torque(0.0, q, v, aim, law.start())
-    np.testing.assert_allclose(bare, compute_rnea(model.rig, q[None], v[None], a[None], base)[0], atol=1e-12)
+    np.testing.assert_allclose(
+        bare, compute_rnea(model.rig, q[None], v[None], a[None], base)[0], atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("kind", ["computed-torque", "pid"])
 def test_the_controller_of_its_kind_has_the_gains_of_a_given_law(kind: str) -> None:
     """Whatever their margins; the other one keeps its own, and so does the PID that is fallen back to."""
     model = nominal(rig_of("handheld"))
-    law = tune(model, kind=kind, bandwidth_hz={"pan": 5.0, "roll": 6.0, "tilt": 7.0}, robust=kind != "pid").controller
+    law = tune(
+        model, kind=kind, bandwidth_hz={"pan": 5.0, "roll": 6.0, "tilt": 7.0}, robust=kind != "pid"
+    ).controller
     given = recipe(model, law=law)
     plain = recipe(model)
     (other,) = {"computed-torque", "pid"} - {kind}
     own = given.pointer(kind)
     beside = given.pointer(other)
-    assert given.kind == kind and own.law.gains == law.gains != plain.pointer(kind).law.gains == beside.law.gains
+    assert (
+        given.kind == kind
+        and own.law.gains == law.gains != plain.pointer(kind).law.gains == beside.law.gains
+    )
     assert isinstance(own.law, JointPid if kind == "pid" else CarriedTorque)
-    assert kind == "pid" or (own.law.robust == law.robust is not None and own.navigator.fusion is not None)
-    assert own.navigator.accelerates == (kind != "pid") and own.fallback.gains == plain.pointer(kind).fallback.gains
+    assert kind == "pid" or (
+        own.law.robust == law.robust is not None and own.navigator.fusion is not None
+    )
+    assert (
+        own.navigator.accelerates == (kind != "pid")
+        and own.fallback.gains == plain.pointer(kind).fallback.gains
+    )
     assert given.margins(other) == plain.margins(other) != given.margins(kind)
 
 
@@ -497,7 +566,9 @@ def test_a_model_that_knows_nothing_is_not_find_trusted_joints() -> None:
 
     def known(size: float) -> Model:
         covariance = size**2 * np.eye(len(names))
-        return replace(nominal(rig), estimated=Estimated(names, names, np.zeros(len(names)), covariance))
+        return replace(
+            nominal(rig), estimated=Estimated(names, names, np.zeros(len(names)), covariance)
+        )
 
     assert (
         find_trusted_joints(known(1e-5), WANTED, ground)
@@ -533,7 +604,9 @@ def test_knowing_more_holds_the_camera_stiller() -> None:
     bare = replace(blind, law=replace(blind.law, model=replace(plant, terms=())))  # type: ignore[type-var]
 
     def held(pointer: Pointer, seconds: float = 0.9) -> Pointing:
-        return simulate_holding(plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds)
+        return simulate_holding(
+            plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds
+        )
 
     still = [held(pointer).jitter[0] for pointer in (pid, bare, blind, ours)]
     assert still[0] > still[1] > 3 * still[2] > 3 * still[3]
@@ -548,7 +621,9 @@ def test_both_controllers_meet_the_same_motions() -> None:
     assert [row.controller for row in rows] == ["pid", "computed-torque"]
     for runs in zip(*(row.runs for row in rows)):
         np.testing.assert_array_equal(*(run.base for run in runs))
-    assert [run.seed for run in rows[0].runs] == [0, 1] and not np.allclose(*(run.base for run in rows[0].runs))
+    assert [run.seed for run in rows[0].runs] == [0, 1] and not np.allclose(
+        *(run.base for run in rows[0].runs)
+    )
 
 
 def test_nothing_moves_what_is_known_exactly() -> None:
@@ -557,7 +632,9 @@ def test_nothing_moves_what_is_known_exactly() -> None:
     plant = replace(nominal(rig), terms=())
     ground = draw_profile(rig, 1.0, 0, size=0.2)
     told = foretell(recipe(plant, noise=Noise()), ground)
-    run = simulate_holding(plant, told, ground, rng=np.random.default_rng(0), seconds=0.8, station=Station.exact(rig))
+    run = simulate_holding(
+        plant, told, ground, rng=np.random.default_rng(0), seconds=0.8, station=Station.exact(rig)
+    )
     assert np.abs(np.rad2deg(run.error[400:])).max() < 2e-3 and not run.events
 
 
@@ -569,7 +646,11 @@ FAULTS = {
     "the gyro in between frozen": (SensorFault("frozen", ("links",), 0.2), "own gyro alone", 0.1),
     "a sample is dropped": (SensorFault("dropped", (), 0.2, 0.201), "never came", 0.1),
     "the clock steps back": (SensorFault("clock", (), 0.2, step=-7.0), "clock stepped", 0.1),
-    "NaN from the first sample on": (SensorFault("nan", ("gyro", "w", "f"), 0.0, 0.1), "failed", 180.0),
+    "NaN from the first sample on": (
+        SensorFault("nan", ("gyro", "w", "f"), 0.0, 0.1),
+        "failed",
+        180.0,
+    ),
     "everything says NaN": (SensorFault("nan", ("q", "gyro", "w", "f"), 0.2), "given up", 180.0),
 }
 
@@ -580,7 +661,9 @@ def test_failing_sensors_leave_bounded_torque_and_an_event(case: str) -> None:
     rig = rig_of("thesis")
     plant = nominal(rig)
     holder = FailingSensors(recipe(plant).pointer("computed-torque"), (fault,))
-    run = simulate_holding(plant, holder, draw_profile(rig, 0.4, 0), rng=np.random.default_rng([0, 1]), seconds=0.4)
+    run = simulate_holding(
+        plant, holder, draw_profile(rig, 0.4, 0), rng=np.random.default_rng([0, 1]), seconds=0.4
+    )
     assert np.isfinite(run.tau).all() and np.isfinite(run.error).all()
     assert (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
     assert any(word in event for event in run.events), run.events
@@ -594,18 +677,25 @@ def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torqu
     course = Course(plant, 0.4, Station.of(rig))
     run = course.run(recipe(plant, wanted), "computed-torque", 0)
     assert np.isfinite(run.tau).all() and (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
-    assert any("singular" in event and "yaw and tilt would have to turn" in event for event in run.events)
+    assert any(
+        "singular" in event and "yaw and tilt would have to turn" in event for event in run.events
+    )
     assert not any("encoders" in event for event in run.events)
     weak = replace(rig, motors=tuple(replace(motor, tau_max=0.2) for motor in rig.motors))
     run = replace(course, plant=nominal(weak)).run(recipe(nominal(weak)), "computed-torque", 0)
-    assert any("torque limit" in event for event in run.events) and max(Row("", (run,)).at_limit.values()) > 0.2
+    assert (
+        any("torque limit" in event for event in run.events)
+        and max(Row("", (run,)).at_limit.values()) > 0.2
+    )
     assert (np.abs(run.tau) <= 0.2 + 1e-12).all() and np.isfinite(run.error).all()
 
 
 class BlindGuard(Guard):
     """A guard that lets every reading through."""
 
-    def step(self, seen: Measurement, watch: Watch, v: Array, steep: bool = False) -> tuple[Measurement, Watch]:
+    def step(
+        self, seen: Measurement, watch: Watch, v: Array, steep: bool = False
+    ) -> tuple[Measurement, Watch]:
         return seen, watch
 
 
@@ -613,7 +703,9 @@ def test_what_is_no_number_becomes_no_torque() -> None:
     """Whatever slips through: past a blind guard a NaN of the gyro reaches the law, and no torque comes out."""
     rig = rig_of("turret")
     pointer = replace(recipe(nominal(rig)).pointer(), guard=BlindGuard(DT))
-    seen = Measurement(0.0, np.array([0.3, 0.4]), np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.81]), np.zeros(0))
+    seen = Measurement(
+        0.0, np.array([0.3, 0.4]), np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.81]), np.zeros(0)
+    )
     memory = pointer.start(seen, WANTED, np.eye(3))
     tau, memory = pointer.torque(seen._replace(t=DT, gyro=np.full(3, np.nan)), memory)
     assert (tau == 0).all() and any("no number" in event for event in memory.events)
@@ -622,8 +714,16 @@ def test_what_is_no_number_becomes_no_torque() -> None:
 READING = st.sampled_from([0.0, 1.0, -3.0, np.nan, np.inf, 1e9])
 
 
-@given(st.lists(st.tuples(*[READING] * 5, st.sampled_from([DT, 2 * DT, -1.0, 5.0, np.nan])), min_size=1, max_size=60))
-def test_whatever_the_sensors_say_the_guard_passes_numbers_on(stream: list[tuple[float, ...]]) -> None:
+@given(
+    st.lists(
+        st.tuples(*[READING] * 5, st.sampled_from([DT, 2 * DT, -1.0, 5.0, np.nan])),
+        min_size=1,
+        max_size=60,
+    )
+)
+def test_whatever_the_sensors_say_the_guard_passes_numbers_on(
+    stream: list[tuple[float, ...]],
+) -> None:
     guard = Guard(DT)
     stamp = 0.0
     last = -1.0
@@ -631,7 +731,9 @@ def test_whatever_the_sensors_say_the_guard_passes_numbers_on(stream: list[tuple
     watch = guard.start(first)
     for *values, step in stream:
         stamp = step if stamp != stamp else stamp + step
-        seen, watch = guard.step(Measurement(stamp, *(np.full(3, x) for x in values)), watch, np.zeros(3))
+        seen, watch = guard.step(
+            Measurement(stamp, *(np.full(3, x) for x in values)), watch, np.zeros(3)
+        )
         for channel in (seen.q, seen.gyro, seen.w, seen.f, seen.links, watch.rates):
             assert np.isfinite(channel).all()
         assert np.isfinite(seen.t) and seen.t > last
@@ -646,7 +748,9 @@ def test_what_cannot_be_run_is_refused() -> None:
     ground = draw_profile(rig, 0.2, 0)
     pointer = recipe(plant).pointer("pid")
     with pytest.raises(UsageError, match="no attitude"):
-        simulate_holding(plant, pointer, replace(ground, quat=None), rng=np.random.default_rng(0), seconds=0.1)
+        simulate_holding(
+            plant, pointer, replace(ground, quat=None), rng=np.random.default_rng(0), seconds=0.1
+        )
     with pytest.raises(UsageError, match="lasts"):
         simulate_holding(plant, pointer, ground, rng=np.random.default_rng(0), seconds=1.0)
 

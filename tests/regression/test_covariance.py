@@ -22,7 +22,9 @@ def test_coloured_covariance_is_that_of_many_estimates() -> None:
         b = lfilter([1.0], [1.0, -0.9], rng.standard_normal(3100))[100:, None]
         block = Block(t, A, b, b, b, np.ones_like(b), b, np.zeros_like(b))
         thetas.append(gain @ A[:, 0].T @ b[:, 0])
-        stated.append(np.diag(compute_coloured_covariance([block], [A], thetas[-1], gain, np.ones(1))))
+        stated.append(
+            np.diag(compute_coloured_covariance([block], [A], thetas[-1], gain, np.ones(1)))
+        )
     true = np.var(thetas, axis=0)
     white = np.diag(gain) * 1.0 / (1 - 0.81)
     assert np.allclose(np.mean(stated, axis=0), true, rtol=0.25)
@@ -48,20 +50,35 @@ def test_the_bound_is_the_one_of_the_noises_own_covariance(memory: float) -> Non
     assert (np.sqrt(np.diag(plain @ gamma @ plain.T)) >= 0.999 * exact).all()
 
 
-def draw_short(rng: np.random.Generator, rows: int, poles: tuple[float, float], size: float = 1.0) -> Block:
+def draw_short(
+    rng: np.random.Generator, rows: int, poles: tuple[float, float], size: float = 1.0
+) -> Block:
     """Rows of two joints that share six parameters of 1, 2 ...; noise of one pole each, and rows that count in part."""
     t = 0.125 * np.arange(rows)
-    A = np.stack([np.sin(rate * t[:, None] + [0.0, 1.0]) for rate in (0.0, 0.3, 0.7, 1.6, 3.1, 6.0)], axis=2)
+    A = np.stack(
+        [np.sin(rate * t[:, None] + [0.0, 1.0]) for rate in (0.0, 0.3, 0.7, 1.6, 3.1, 6.0)], axis=2
+    )
     share = np.clip(1.5 + np.sin(0.5 * t[:, None] + [0.0, 2.0]), 0.0, 1.0)
     noise = [lfilter([1.0], [1.0, -pole], rng.standard_normal(rows + 200))[200:] for pole in poles]
     b = A @ np.arange(1.0, 7.0) + size * np.transpose(noise)
-    return Block(t, A * share[:, :, None], b * share, np.ones_like(b), np.ones_like(b), share, b, np.zeros_like(b))
+    return Block(
+        t,
+        A * share[:, :, None],
+        b * share,
+        np.ones_like(b),
+        np.ones_like(b),
+        share,
+        b,
+        np.zeros_like(b),
+    )
 
 
 @pytest.mark.parametrize(
     ("rows", "poles"), [(60, (-0.5, 0.3)), (120, (0.0, 0.5)), (120, (0.5, 0.7)), (200, (0.8, 0.8))]
 )
-def test_intervals_hold_on_few_rows_whatever_the_noise(rows: int, poles: tuple[float, float]) -> None:
+def test_intervals_hold_on_few_rows_whatever_the_noise(
+    rows: int, poles: tuple[float, float]
+) -> None:
     """600 intervals of 95 %, from rows so few that the noise is known to a fifth; to three binomial deviations."""
     rng = np.random.default_rng(0)
     found = [fit_weighted([draw_short(rng, rows, poles)]) for _ in range(100)]
@@ -70,4 +87,6 @@ def test_intervals_hold_on_few_rows_whatever_the_noise(rows: int, poles: tuple[f
 
 
 def test_torque_without_any_noise_leaves_nothing_uncertain() -> None:
-    assert np.all(fit_weighted([draw_short(np.random.default_rng(3), 60, (0.0, 0.0), 0.0)]).std < 1e-9)
+    assert np.all(
+        fit_weighted([draw_short(np.random.default_rng(3), 60, (0.0, 0.0), 0.0)]).std < 1e-9
+    )

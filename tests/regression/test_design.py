@@ -41,8 +41,12 @@ def test_effects_on_joints_that_stick_are_masked_and_the_equation_stays_exact(tu
     motion = fourier(turret, 3, 10.0)
     tau = model.inverse(motion.q, motion.v, motion.a)
     smooth = signals.zero_phase(tau, signals.lowpass(EXACT.cutoff * EXACT.smoothing, 1000.0))
-    channels = Samples(motion.t, motion.q, motion.v, motion.a, smooth, motion.v, np.full(turret.n, 0.02))
-    rows = Design(turret, reduce_parameters(turret), build_friction_effects(turret.joints), (), EXACT)
+    channels = Samples(
+        motion.t, motion.q, motion.v, motion.a, smooth, motion.v, np.full(turret.n, 0.02)
+    )
+    rows = Design(
+        turret, reduce_parameters(turret), build_friction_effects(turret.joints), (), EXACT
+    )
     made = rows.build_block(channels, slice(350, -350, 50), 1000.0)
     assert made.share.min() < 0.5 < made.share.max()
     assert np.abs(made.A @ true_theta(turret) - made.b).max() < 1e-8
@@ -54,13 +58,17 @@ def test_the_mask_is_zero_at_standstill_and_one_far_away(width: int, taper: int)
     still[500 : 500 + width] = True
     weight = build_mask(still, taper)[:, 0]
     assert np.all(weight[still[:, 0]] == 0)
-    assert np.all(weight[: 500 - 3 * taper - 3] == 1) and np.all(weight >= 0) and np.all(weight <= 1)
+    assert (
+        np.all(weight[: 500 - 3 * taper - 3] == 1) and np.all(weight >= 0) and np.all(weight <= 1)
+    )
 
 
 def test_trajectories_are_never_joined(turret: Rig) -> None:
     """Rows of two logs are the rows of each, whatever the jump between them."""
     logs = tuple(prescribed(nominal(turret), seed=seed, seconds=6.0) for seed in (1, 2))
-    make = Design(turret, reduce_parameters(turret), build_friction_effects(turret.joints), logs, EXACT)
+    make = Design(
+        turret, reduce_parameters(turret), build_friction_effects(turret.joints), logs, EXACT
+    )
     both = compute_blocks(make)
     apart = [part for log in logs for part in compute_blocks(replace(make, logs=(log,)))]
     assert len(both) == len(apart)
@@ -68,12 +76,16 @@ def test_trajectories_are_never_joined(turret: Rig) -> None:
 
 
 def test_chunks_do_not_show(turret: Rig, clean: Log, monkeypatch: pytest.MonkeyPatch) -> None:
-    make = Design(turret, reduce_parameters(turret), build_friction_effects(turret.joints), (clean,), EXACT)
+    make = Design(
+        turret, reduce_parameters(turret), build_friction_effects(turret.joints), (clean,), EXACT
+    )
     whole = np.concatenate([part.A for part in compute_blocks(make)])
     monkeypatch.setattr("gimbal_pin.regression.design.CHUNK_SAMPLES", 1777)
     cut = np.concatenate([part.A for part in compute_blocks(make)])
     assert whole.shape == cut.shape
-    assert np.abs(whole - cut).max() < 1e-4 * np.abs(whole).max()  # what `signals.compute_lowpass_settling` promises
+    assert (
+        np.abs(whole - cut).max() < 1e-4 * np.abs(whole).max()
+    )  # what `signals.compute_lowpass_settling` promises
 
 
 @pytest.mark.parametrize("name", bundled_rigs())
@@ -83,7 +95,11 @@ def test_decimation_does_not_show(name: str, monkeypatch: pytest.MonkeyPatch) ->
     log = prescribed(nominal(rig), 1, 12.0, torque_noise=0.02)
     noise = 1e-5 * np.random.default_rng(0).standard_normal(log.q.shape)
     rows = Design(
-        rig, reduce_parameters(rig), build_friction_effects(rig.joints), (replace(log, q=log.q + noise),), Filtering()
+        rig,
+        reduce_parameters(rig),
+        build_friction_effects(rig.joints),
+        (replace(log, q=log.q + noise),),
+        Filtering(),
     )
     thin = list(rows)
     monkeypatch.setattr("gimbal_pin.regression.design.compute_decimation", lambda *_: 1)
@@ -105,7 +121,9 @@ def test_the_direction_is_the_mean_sign_of_a_straight_rate(v: float, a: float, s
 
 def test_a_compact_filter_keeps_the_equation_and_more_of_a_short_log(turret: Rig) -> None:
     log = prescribed(nominal(turret), 1, 5.0)
-    usual, compact = (rows_of(turret, log, replace(EXACT, compact=short)) for short in (False, True))
+    usual, compact = (
+        rows_of(turret, log, replace(EXACT, compact=short)) for short in (False, True)
+    )
     rows = [np.concatenate([block.t for block in design]) for design in (usual, compact)]
     assert len(rows[1]) > 1.3 * len(rows[0])
     for block in compact:
@@ -115,7 +133,9 @@ def test_a_compact_filter_keeps_the_equation_and_more_of_a_short_log(turret: Rig
 def test_the_slow_direction_tells_the_sign_of_a_noisy_rate(turret: Rig) -> None:
     """White noise on the angles masks most of a log, of its slow motion it does not."""
     log = prescribed(nominal(turret), 1, 8.0)
-    noisy = replace(log, v=None, q=log.q + 2e-2 * np.random.default_rng(0).standard_normal(log.q.shape))
+    noisy = replace(
+        log, v=None, q=log.q + 2e-2 * np.random.default_rng(0).standard_normal(log.q.shape)
+    )
     designs = (rows_of(turret, noisy, replace(EXACT, direction=band)) for band in (None, 2.5))
     fast, slow = (np.mean(np.concatenate([block.share for block in design])) for design in designs)
     assert slow > 0.5 > 2 * fast

@@ -21,7 +21,9 @@ from gimbal_pin.regression import (
 )
 
 
-def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) -> tuple[Block, Block, Array]:
+def regression(
+    rng: np.random.Generator, rows: int = 400, noise: float = 0.0
+) -> tuple[Block, Block, Array]:
     """One block twice with independent noise in A, and theta."""
     theta = rng.uniform(0.5, 2.0, 4)
     A = rng.standard_normal((rows, 2, 4))
@@ -29,7 +31,10 @@ def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) ->
     t = np.arange(rows) / 8.0
     share = np.ones((rows, 2))
     ones = np.ones((rows, 2))
-    twins = [Block(t, A + noise * rng.standard_normal(A.shape), b, ones, ones, share, ones, 0 * ones) for _ in range(2)]
+    twins = [
+        Block(t, A + noise * rng.standard_normal(A.shape), b, ones, ones, share, ones, 0 * ones)
+        for _ in range(2)
+    ]
     return twins[0], twins[1], theta
 
 
@@ -64,7 +69,10 @@ def test_the_error_falls_with_the_rows_where_that_of_least_squares_stays() -> No
         first, second, theta = regression(np.random.default_rng(3), rows, noise=0.5)
         plain = fit_weighted([first]).theta
         found = fit_instrumental([first], [second.A]).theta
-        errors[rows] = float(np.abs(plain / theta - 1).max()), float(np.abs(found / theta - 1).max())
+        errors[rows] = (
+            float(np.abs(plain / theta - 1).max()),
+            float(np.abs(found / theta - 1).max()),
+        )
     assert errors[40_000][0] == pytest.approx(1 - 1 / 1.25, abs=0.01)
     assert errors[40_000][1] < 0.2 * errors[400][1] and errors[40_000][1] < 0.02
 
@@ -139,7 +147,9 @@ def test_without_noise_in_the_motion_instruments_say_what_least_squares_does() -
 
 
 @pytest.mark.parametrize("answer", [0.0, -0.5])
-def test_the_slow_motion_recovers_what_growing_noise_takes_from_least_squares(answer: float) -> None:
+def test_the_slow_motion_recovers_what_growing_noise_takes_from_least_squares(
+    answer: float,
+) -> None:
     """``plain → (2 + answer σ²) / (1 + σ²)``, whether a controller answers to the noise or not."""
     before = 0.0
     for noise in (0.1, 0.5, 1.0, 2.0):

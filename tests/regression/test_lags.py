@@ -31,7 +31,9 @@ def logged(rig: str, late: Array | float = 0.0, noise: float = 0.01) -> Log:
     log = prescribed(nominal(Rig.load(rig)), torque_noise=noise, dt=2e-3)
     late = np.broadcast_to(late, len(log.joints)) + log.dt / 2
     assert log.tau is not None
-    return replace(log, tau=np.stack([np.interp(log.t + d, log.t, x) for d, x in zip(late, log.tau.T)], axis=1))
+    return replace(
+        log, tau=np.stack([np.interp(log.t + d, log.t, x) for d, x in zip(late, log.tau.T)], axis=1)
+    )
 
 
 def fitted(rig: str, log: Log, alignment: float | None = None) -> Identified:
@@ -50,17 +52,23 @@ def test_each_joints_lag_is_found_and_takes_nothing_for_friction(rig: str) -> No
     found = fitted(rig, log)
     blind = fitted(rig, log, log.dt / 2)
     known = found.model.estimated
-    assert known is not None and np.all(np.abs(np.array(known.lags) - late) < 4 * np.array(known.lag_std))
+    assert known is not None and np.all(
+        np.abs(np.array(known.lags) - late) < 4 * np.array(known.lag_std)
+    )
     assert np.all(np.array(known.lag_std) < 5e-4)
     assert np.sqrt(np.mean(deviations(rig, found) ** 2)) < 2.0
-    assert np.abs((blind.estimate.theta - true_theta(Rig.load(rig))) / found.estimate.std).max() > 4.0
+    assert (
+        np.abs((blind.estimate.theta - true_theta(Rig.load(rig))) / found.estimate.std).max() > 4.0
+    )
 
 
 @RIGS
 def test_a_later_stamp_is_a_shorter_lag_and_nothing_else(rig: str) -> None:
     some = fitted(rig, logged(rig, 1e-3, 0.0))
     more = fitted(rig, logged(rig, 3e-3, 0.0))
-    np.testing.assert_allclose(np.subtract(more.filtering.lags, some.filtering.lags), 2e-3, atol=2e-5)
+    np.testing.assert_allclose(
+        np.subtract(more.filtering.lags, some.filtering.lags), 2e-3, atol=2e-5
+    )
     moved = np.abs(more.estimate.theta - some.estimate.theta)
     assert np.all(moved < 0.02 * np.abs(true_theta(Rig.load(rig))).max())
 
@@ -74,7 +82,9 @@ def test_a_stated_alignment_is_known(rig: str) -> None:
     assert found.filtering.lags == ()
     (known,), spread = align_rows([blocks])
     assert known is blocks and not spread.any()
-    assert add_lag_spread(blocks, found.estimate, spread).covariance == pytest.approx(found.estimate.covariance)
+    assert add_lag_spread(blocks, found.estimate, spread).covariance == pytest.approx(
+        found.estimate.covariance
+    )
 
 
 @RIGS
@@ -86,7 +96,9 @@ def test_a_torque_that_never_changes_does_not_say_when_it_acts(rig: str) -> None
     alone = fit_weighted(blocks)
     spread = fit_lags(still, np.zeros(len(log.joints)))[1]
     estimate = add_lag_spread(still, alone, spread)
-    np.testing.assert_allclose(np.sqrt(np.diag(spread)), np.hypot(LAG_DEVIATION, LAG_SPREAD), rtol=1e-6)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(spread)), np.hypot(LAG_DEVIATION, LAG_SPREAD), rtol=1e-6
+    )
     np.testing.assert_allclose(estimate.covariance, alone.covariance)
 
 
@@ -109,5 +121,7 @@ def test_what_a_lag_leaves_open_widens_friction_and_never_narrows(rig: str) -> N
     blocks = compute_blocks(rows_of(Rig.load(rig), log, Filtering()))
     alone = fit_weighted(blocks)
     wide = add_lag_spread(blocks, alone, fit_lags(blocks, np.zeros(len(log.joints)))[1])
-    assert np.linalg.eigvalsh(wide.covariance - alone.covariance).min() > -1e-12 * np.trace(alone.covariance)
+    assert np.linalg.eigvalsh(wide.covariance - alone.covariance).min() > -1e-12 * np.trace(
+        alone.covariance
+    )
     assert np.all(wide.std >= alone.std) and np.any(wide.std > alone.std)

@@ -44,7 +44,14 @@ def recorded(seed: int = 0) -> Log:
     rng = np.random.default_rng(seed)
     noise = 0.01 * np.sqrt(np.mean(TORQUE**2, axis=0)) * rng.standard_normal(TORQUE.shape)
     q = STEP * np.round(MOTION.q / STEP + rng.uniform(size=2))
-    return Log("bench.csv", RIG.joints, MOTION.t, q, MOTION.v + 1e-3 * rng.standard_normal(q.shape), TORQUE + noise)
+    return Log(
+        "bench.csv",
+        RIG.joints,
+        MOTION.t,
+        q,
+        MOTION.v + 1e-3 * rng.standard_normal(q.shape),
+        TORQUE + noise,
+    )
 
 
 def holed(log: Log, pattern: tuple[int, int, float]) -> Log:
@@ -59,7 +66,9 @@ def holed(log: Log, pattern: tuple[int, int, float]) -> Log:
 
 
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-5, 1e-2), jitter=st.floats(0.0, 0.3))
-def test_resolution_is_the_noise_whatever_the_spacing(seed: int, size: float, jitter: float) -> None:
+def test_resolution_is_the_noise_whatever_the_spacing(
+    seed: int, size: float, jitter: float
+) -> None:
     rng = np.random.default_rng(seed)
     t = DT * (np.arange(4000) + jitter * rng.uniform(-1, 1, 4000))
     q = np.sin(3 * t)[:, None] * [1.0, 0.2] + size * rng.standard_normal((4000, 2))
@@ -77,8 +86,11 @@ def test_what_fills_a_hole_is_where_the_joint_was(pattern: tuple[int, int, float
     np.testing.assert_array_equal(whole.q[~there], log.q)
     np.testing.assert_array_equal(whole.tau[~there], log.tau)  # type: ignore[index]
     truth = np.stack([np.interp(whole.t[there], MOTION.t, x) for x in MOTION.q.T], axis=1)
-    offset = np.median(log.q - np.stack([np.interp(log.t, MOTION.t, x) for x in MOTION.q.T], axis=1), axis=0)
-    assert np.all(np.abs(whole.q[there] - offset - truth) < 3 * resolution(log))
+    offset = np.median(
+        log.q - np.stack([np.interp(log.t, MOTION.t, x) for x in MOTION.q.T], axis=1), axis=0
+    )
+    # Normal noise of some hundreds of samples exceeds five deviations once in some thousand patterns.
+    assert np.all(np.abs(whole.q[there] - offset - truth) < 5 * resolution(log))
 
 
 @given(PATTERN)

@@ -15,7 +15,9 @@ def test_an_autoregressive_colour_is_found() -> None:
     noise = lfilter([1.0], polynomial, rng.standard_normal(100_000))[500:]
     gamma = np.array([np.mean(noise[: len(noise) - k] * noise[k:]) for k in range(9)])
     found = fit_autoregression(gamma, len(noise))
-    assert np.allclose(found.polynomial[:3], polynomial, atol=0.02) and found.power == pytest.approx(1.0, rel=0.02)
+    assert np.allclose(
+        found.polynomial[:3], polynomial, atol=0.02
+    ) and found.power == pytest.approx(1.0, rel=0.02)
     assert np.abs(found.polynomial[3:]).max(initial=0.0) < 0.02
 
 

@@ -8,7 +8,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.regression import Block, PastRows, fit_residual_noise, fit_weighted, loosen_prior, solve
+from gimbal_pin.regression import (
+    Block,
+    PastRows,
+    fit_residual_noise,
+    fit_weighted,
+    loosen_prior,
+    solve,
+)
 
 
 def draw_rows(seed: int, rows: int = 120) -> Block:
@@ -18,7 +25,16 @@ def draw_rows(seed: int, rows: int = 120) -> Block:
     share = rng.uniform(0.2, 1.0, (rows, 2))
     b = A.sum(axis=2) + 0.1 * rng.standard_normal((rows, 2))
     nowhere = np.zeros((rows, 2))
-    return Block(0.1 * np.arange(rows), A * share[:, :, None], b * share, nowhere, nowhere, share, nowhere, nowhere)
+    return Block(
+        0.1 * np.arange(rows),
+        A * share[:, :, None],
+        b * share,
+        nowhere,
+        nowhere,
+        share,
+        nowhere,
+        nowhere,
+    )
 
 
 def select(block: Block, rows: slice) -> Block:
@@ -37,7 +53,9 @@ def test_a_past_in_any_portions_is_the_batch(seed: int, cuts: list[int]) -> None
     batch = fit_weighted([rows])
     np.testing.assert_allclose(stream.theta, batch.theta, rtol=1e-9)
     np.testing.assert_allclose(stream.residual_std, batch.residual_std, rtol=1e-9)
-    assert stream.rows == len(rows.t) and np.allclose(past.count, np.sum(rows.share[:80] ** 2, axis=0))
+    assert stream.rows == len(rows.t) and np.allclose(
+        past.count, np.sum(rows.share[:80] ** 2, axis=0)
+    )
 
 
 def test_the_past_brings_its_own_covariance_of_the_score() -> None:
@@ -54,7 +72,12 @@ def test_the_past_brings_its_own_covariance_of_the_score() -> None:
 def test_forgetting_weighs_each_row_by_those_after_it() -> None:
     rows = draw_rows(1)
     fade = np.array([0.5, 0.9])
-    whole = PastRows.empty(2, 4).add([select(rows, slice(0, 60))]).fade(fade).add([select(rows, slice(60, None))])
+    whole = (
+        PastRows.empty(2, 4)
+        .add([select(rows, slice(0, 60))])
+        .fade(fade)
+        .add([select(rows, slice(60, None))])
+    )
     weights = np.sqrt(np.where(np.arange(120)[:, None] < 60, fade, 1.0))
     for j, R in enumerate(whole.factors):
         x = np.column_stack([rows.A[:, j], rows.b[:, j], rows.share[:, j]]) * weights[:, [j]]

@@ -36,4 +36,6 @@ def test_the_rate_fuses_angle_and_gyro(turret: Rig) -> None:
     angle_alone = error(Log("angle", turret.joints, motion.t, q, None, tau))
     rate_alone = 2e-3 * signals.compute_noise_gain(signals.lowpass(32.0, 1000.0), 1000.0, 0)
     assert both < 0.7 * angle_alone
-    assert both < 0.9 * rate_alone < 0.01 / 10  # the crossover at 10.6 Hz leaves 88 % of the gyro's noise
+    assert (
+        both < 0.9 * rate_alone < 0.01 / 10
+    )  # the crossover at 10.6 Hz leaves 88 % of the gyro's noise

@@ -27,18 +27,29 @@ ONE = np.ones(2)
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def draw_block(rng: np.random.Generator, rows: int = 40, width: int = 5, theta: Array | None = None) -> Block:
+def draw_block(
+    rng: np.random.Generator, rows: int = 40, width: int = 5, theta: Array | None = None
+) -> Block:
     """Rows of two joints; with theta their torque is that and noise of a hundredth."""
     A = rng.standard_normal((rows, 2, width))
     b = rng.standard_normal((rows, 2))
     b = b if theta is None else A @ theta + 0.01 * b
     return Block(
-        np.arange(rows) * 0.1, A, b, A[:, :, 0], A[:, :, 1], np.ones((rows, 2)), A[:, :, 1], np.zeros((rows, 2))
+        np.arange(rows) * 0.1,
+        A,
+        b,
+        A[:, :, 0],
+        A[:, :, 1],
+        np.ones((rows, 2)),
+        A[:, :, 1],
+        np.zeros((rows, 2)),
     )
 
 
 def cut(whole: Block, parts: int) -> list[Block]:
-    return [Block(*(x[rows] for x in whole)) for rows in np.array_split(np.arange(len(whole.t)), parts)]
+    return [
+        Block(*(x[rows] for x in whole)) for rows in np.array_split(np.arange(len(whole.t)), parts)
+    ]
 
 
 @given(SEEDS, st.integers(1, 7))
@@ -108,7 +119,9 @@ def test_units_of_parameters_and_the_order_of_joints_do_not_matter(seed: int, un
     assert np.allclose(scaled.theta * scale, found.theta, rtol=1e-6)
     assert np.allclose(scaled.std * scale, found.std, rtol=1e-6)
     turned = fit_weighted([Block(block.t, *(x[:, ::-1] for x in block[1:]))])
-    assert np.allclose(turned.theta, found.theta, rtol=1e-9) and np.allclose(turned.std, found.std, rtol=1e-9)
+    assert np.allclose(turned.theta, found.theta, rtol=1e-9) and np.allclose(
+        turned.std, found.std, rtol=1e-9
+    )
 
 
 @settings(max_examples=6)
@@ -118,7 +131,9 @@ def test_weighting_does_not_depend_on_a_joints_unit(seed: int, unit: float) -> N
     made = draw_block(np.random.default_rng(seed), rows=200)
     scale = np.array([unit, 1.0])
     scaled = made._replace(A=made.A * scale[:, None], b=made.b * scale)
-    assert np.allclose(fit_weighted([made]).theta, fit_weighted([scaled]).theta, rtol=1e-3, atol=1e-4)
+    assert np.allclose(
+        fit_weighted([made]).theta, fit_weighted([scaled]).theta, rtol=1e-3, atol=1e-4
+    )
 
 
 def test_outliers_do_not_move_the_robust_estimate() -> None:
@@ -128,7 +143,11 @@ def test_outliers_do_not_move_the_robust_estimate() -> None:
     b = made.b.copy()
     b[::25] += 5.0
     made = made._replace(b=b)
-    assert np.abs(fit_robust([made]).theta - theta).max() < 0.01 < np.abs(fit_ordinary([made]).theta - theta).max()
+    assert (
+        np.abs(fit_robust([made]).theta - theta).max()
+        < 0.01
+        < np.abs(fit_ordinary([made]).theta - theta).max()
+    )
 
 
 def test_a_prior_counts_as_rows_do() -> None:
@@ -139,7 +158,9 @@ def test_a_prior_counts_as_rows_do() -> None:
     z = rng.standard_normal(6)
     stacked = solve_factors(factor_rows([block]), ONE, np.column_stack([U, z]))
     rows = np.vstack([block.A.reshape(-1, 5), U])
-    assert np.allclose(stacked.theta, np.linalg.lstsq(rows, np.append(block.b.ravel(), z), rcond=None)[0])
+    assert np.allclose(
+        stacked.theta, np.linalg.lstsq(rows, np.append(block.b.ravel(), z), rcond=None)[0]
+    )
     sure = solve([block], np.column_stack([1e6 * np.eye(5), 1e6 * np.ones(5)]))
     assert np.allclose(sure.theta, 1.0, atol=1e-6) and np.all(sure.std < 1e-5)
 
@@ -156,18 +177,27 @@ def test_noise_added_never_narrows_an_interval() -> None:
     rng = np.random.default_rng(6)
     quiet = draw_block(rng, 400, theta=np.ones(5))
     noise = rng.standard_normal(quiet.b.shape)
-    stds = [fit_weighted([quiet._replace(b=quiet.b + size * noise)]).std for size in (0.0, 0.03, 0.1, 0.3)]
+    stds = [
+        fit_weighted([quiet._replace(b=quiet.b + size * noise)]).std
+        for size in (0.0, 0.03, 0.1, 0.3)
+    ]
     assert np.all(np.diff(stds, axis=0) > 0)
 
 
 @given(SEEDS, st.floats(-8.0, 8.0))
-def test_what_is_projected_off_is_orthogonal_whatever_the_columns_scales(seed: int, power: float) -> None:
+def test_what_is_projected_off_is_orthogonal_whatever_the_columns_scales(
+    seed: int, power: float
+) -> None:
     """Columns that depend on each other, and one of nothing, take off no more than their span."""
     rng = np.random.default_rng(seed)
     rows = rng.standard_normal((30, 4))
     columns = rng.standard_normal((30, 3))
-    dependent = np.column_stack([columns * 10.0 ** np.array([power, 0.0, -power]), columns.sum(axis=1), np.zeros(30)])
+    dependent = np.column_stack(
+        [columns * 10.0 ** np.array([power, 0.0, -power]), columns.sum(axis=1), np.zeros(30)]
+    )
     left = project_rows(rows, dependent)
     np.testing.assert_allclose(columns.T @ left, 0.0, atol=1e-9)
     np.testing.assert_allclose(project_rows(left, dependent), left, atol=1e-9)
-    np.testing.assert_allclose(left, rows - columns @ np.linalg.lstsq(columns, rows, rcond=None)[0], atol=1e-9)
+    np.testing.assert_allclose(
+        left, rows - columns @ np.linalg.lstsq(columns, rows, rcond=None)[0], atol=1e-9
+    )

@@ -23,12 +23,18 @@ from tests.report.test_report import walked, whole
 def compared(rig: Rig, folder: Path) -> str:
     for k in range(3):
         write_log(log_of(rig), folder / f"{k}.csv")
-    (folder / "manifest.yaml").write_text(f"rig: turret\nlogs: [{', '.join(f'{{log: {k}.csv}}' for k in range(3))}]")
-    return describe_record(compare_fleet(folder, quick=True, executor=ThreadPoolExecutor(1))).to_html()
+    (folder / "manifest.yaml").write_text(
+        f"rig: turret\nlogs: [{', '.join(f'{{log: {k}.csv}}' for k in range(3))}]"
+    )
+    return describe_record(
+        compare_fleet(folder, quick=True, executor=ThreadPoolExecutor(1))
+    ).to_html()
 
 
 def simulated(rig: Rig) -> str:
-    return describe_record(monte_carlo(rig, count=3, seconds=0.65, executor=ThreadPoolExecutor(1))).to_html()
+    return describe_record(
+        monte_carlo(rig, count=3, seconds=0.65, executor=ThreadPoolExecutor(1))
+    ).to_html()
 
 
 def inspected(rig: Rig, folder: Path) -> str:
@@ -39,14 +45,19 @@ def inspected(rig: Rig, folder: Path) -> str:
 PAGES: dict[str, Callable[[Rig, Path], str]] = {
     "auto": lambda rig, _: whole(walked(rig)),
     "animate": lambda rig, _: gimbal_pin.animate(rig, log_of(rig)).page,
-    "animate --beside": lambda rig, _: gimbal_pin.animate(rig, log_of(rig), beside=log_of(rig)).page,
+    "animate --beside": lambda rig, _: (
+        gimbal_pin.animate(rig, log_of(rig), beside=log_of(rig)).page
+    ),
     "camera": lambda *_: gaze.render_gaze(outlook(verified(), WANTED), WANTED),
     "track --animation": lambda *_: verified().animate().page,
     "track --report": lambda *_: describe_record(verified()).to_html(),
     "montecarlo": lambda rig, _: simulated(rig),
     "fleet": compared,
     "inspect": inspected,
-    **{name: lambda rig, _, name=name: describe_record(RECORDS[name](rig)).to_html() for name in RECORDS},
+    **{
+        name: lambda rig, _, name=name: describe_record(RECORDS[name](rig)).to_html()
+        for name in RECORDS
+    },
 }
 """What is written → how, of a rig and in a folder."""
 

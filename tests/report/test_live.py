@@ -36,12 +36,19 @@ GHOST = "/meshcat/ghost"
 RIG = "/meshcat/rig"
 
 SIGNALS = (signal.SIGTERM, signal.SIGKILL)
-UPGRADE = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "eA=="}
+UPGRADE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "eA==",
+}
 
 Viewers = Mapping[signal.Signals, tuple[subprocess.Popen[str], str]]
 """The signal that is to end it → a process that shows a rig live, and its address."""
 
-on_linux = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="/proc says which sockets a process has")
+on_linux = pytest.mark.skipif(
+    not Path("/proc/net/tcp").exists(), reason="/proc says which sockets a process has"
+)
 
 
 def sweep(rig: Rig, seconds: float = 2.0) -> Log:
@@ -75,7 +82,11 @@ def listening(pid: int) -> set[str]:
     """Return the local addresses, as the kernel writes them, on which a process listens."""
     files = (os.readlink(file) for file in Path(f"/proc/{pid}/fd").iterdir() if file.is_symlink())
     own = {found[1] for file in files if (found := re.fullmatch(r"socket:\[(\d+)\]", file))}
-    rows = [row.split() for name in ("tcp", "tcp6") for row in Path(f"/proc/{pid}/net/{name}").read_text().splitlines()]
+    rows = [
+        row.split()
+        for name in ("tcp", "tcp6")
+        for row in Path(f"/proc/{pid}/net/{name}").read_text().splitlines()
+    ]
     return {row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in own}
 
 
@@ -108,16 +119,34 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def viewers(log: Path) -> Iterator[Viewers]:
     """One ``animate --live`` for each signal that is to end it, and its address."""
-    command = (sys.executable, "-u", "-m", "gimbal_pin.cli", "animate", "thesis", str(log), "--live")
-    without = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")}
+    command = (
+        sys.executable,
+        "-u",
+        "-m",
+        "gimbal_pin.cli",
+        "animate",
+        "thesis",
+        str(log),
+        "--live",
+    )
+    without = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
+    }
     out: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    started = {one: subprocess.Popen(command, env=without, preexec_fn=heard, **out) for one in SIGNALS}
+    started = {
+        one: subprocess.Popen(command, env=without, preexec_fn=heard, **out) for one in SIGNALS
+    }
     try:
         found = {}
         for one, process in started.items():
             assert process.stdout is not None
             said = process.stdout.readline()
-            found[one] = process, (re.findall(r"http://\S+?/(?=;|\s)", said) or pytest.fail(said))[0]
+            found[one] = (
+                process,
+                (re.findall(r"http://\S+?/(?=;|\s)", said) or pytest.fail(said))[0],
+            )
         yield found
     finally:
         for process in started.values():
@@ -128,7 +157,9 @@ def viewers(log: Path) -> Iterator[Viewers]:
 @on_linux
 def test_every_socket_listens_on_this_machine_alone(viewers: Viewers) -> None:
     process, url = viewers[signal.SIGTERM]
-    assert {one: listening(one) for one in with_children(process.pid)} == {process.pid: {"0100007F"}}  # 127.0.0.1
+    assert {one: listening(one) for one in with_children(process.pid)} == {
+        process.pid: {"0100007F"}
+    }  # 127.0.0.1
     port = urlsplit(url).port
     for other in ("127.0.0.2", socket.gethostbyname(socket.gethostname())):
         if other != "127.0.0.1":
@@ -145,14 +176,33 @@ def test_only_who_has_the_address_and_is_no_other_page_gets_the_scene(viewers: V
     assert answer(url, Host=f"localhost:{at.port}")[0] == 200
     assert answer(url, Origin=f"http://{home}")[0] == 200
     assert len(at.path) > 40 and len({address for _, address in viewers.values()}) == len(SIGNALS)
-    for path in ("/", "/news", "/static/", at.path[:-1], at.path[:-2] + "/", f"{at.path}..", f"{at.path}x", f"{url}"):
+    for path in (
+        "/",
+        "/news",
+        "/static/",
+        at.path[:-1],
+        at.path[:-2] + "/",
+        f"{at.path}..",
+        f"{at.path}x",
+        f"{url}",
+    ):
         assert answer(url, path)[0] in (403, 404), path
-    rebound = ("evil.example", f"evil.example:{at.port}", f"127.0.0.1.evil.example:{at.port}", f"[::1]:{at.port}", "")
+    rebound = (
+        "evil.example",
+        f"evil.example:{at.port}",
+        f"127.0.0.1.evil.example:{at.port}",
+        f"[::1]:{at.port}",
+        "",
+    )
     foreign = ("http://evil.example", "null", "http://127.0.0.1:1", f"https://{home}", "")
     for more in ({}, UPGRADE):
         for path in (at.path, f"{at.path}news"):
-            assert [answer(url, path, Host=host, **more)[0] for host in rebound] == [403] * len(rebound)
-            assert [answer(url, path, Origin=origin, **more)[0] for origin in foreign] == [403] * len(foreign)
+            assert [answer(url, path, Host=host, **more)[0] for host in rebound] == [403] * len(
+                rebound
+            )
+            assert [answer(url, path, Origin=origin, **more)[0] for origin in foreign] == [
+                403
+            ] * len(foreign)
 
 
 def test_what_is_no_request_harms_nothing(viewers: Viewers) -> None:
@@ -169,11 +219,15 @@ def test_what_is_no_request_harms_nothing(viewers: Viewers) -> None:
         b"\r\n" * 99,
     ]
     broken += [
-        bytes(np.where(rng.random(len(good)) < 0.1, rng.integers(0, 256, len(good)), [*good])) for _ in range(60)
+        bytes(np.where(rng.random(len(good)) < 0.1, rng.integers(0, 256, len(good)), [*good]))
+        for _ in range(60)
     ]
     for request in broken:
         # The server need not hear it all.
-        with suppress(ConnectionError), socket.create_connection(("127.0.0.1", port), timeout=5) as connection:
+        with (
+            suppress(ConnectionError),
+            socket.create_connection(("127.0.0.1", port), timeout=5) as connection,
+        ):
             connection.sendall(request)
             connection.shutdown(socket.SHUT_WR)
             connection.recv(1)
@@ -194,14 +248,31 @@ def test_nothing_is_left_when_the_process_ends(number: signal.Signals, viewers: 
 
 @on_linux
 @needs_browser
-def test_a_film_that_is_broken_off_leaves_no_browser_and_no_profile(log: Path, tmp_path: Path) -> None:
-    pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (gimbal-pin[video])")
-    command = (sys.executable, "-m", "gimbal_pin.cli", "animate", "thesis", str(log), "-o", str(tmp_path / "film.gif"))
-    scratch = Path(tempfile.mkdtemp())  # a short path: that of a browser's socket has a hundred letters at most
+def test_a_film_that_is_broken_off_leaves_no_browser_and_no_profile(
+    log: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip(
+        "imageio_ffmpeg", reason="imageio-ffmpeg is not installed (gimbal-pin[video])"
+    )
+    command = (
+        sys.executable,
+        "-m",
+        "gimbal_pin.cli",
+        "animate",
+        "thesis",
+        str(log),
+        "-o",
+        str(tmp_path / "film.gif"),
+    )
+    scratch = Path(
+        tempfile.mkdtemp()
+    )  # a short path: that of a browser's socket has a hundred letters at most
     env = {**os.environ, "TMPDIR": str(scratch)}
     with subprocess.Popen(command, env=env, stderr=subprocess.PIPE, preexec_fn=heard) as process:
         family: set[int] = set()
-        while process.poll() is None and not any(b"--type=renderer" in command_line(one) for one in family):
+        while process.poll() is None and not any(
+            b"--type=renderer" in command_line(one) for one in family
+        ):
             time.sleep(0.05)
             family = with_children(process.pid)
         assert process.poll() is None and list(scratch.iterdir()), process.stderr.read()  # type: ignore[union-attr]
@@ -211,7 +282,9 @@ def test_a_film_that_is_broken_off_leaves_no_browser_and_no_profile(log: Path, t
     scratch.rmdir()  # refused if anything is in it
 
 
-def test_live_answers_without_a_browser_and_gives_up_waiting(capfd: pytest.CaptureFixture[str]) -> None:
+def test_live_answers_without_a_browser_and_gives_up_waiting(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     rig = Rig.load("turret")
     start = time.monotonic()
     with view.show(rig, sweep(rig), browser=False) as live:
@@ -249,7 +322,9 @@ def test_a_browser_shows_live_poses_and_plays_a_log() -> None:
     with view.Live(rig, ghost=True) as live:
         live.pose(q, -q)
         pose = "viewer.scene_tree.find({}).object.quaternion.toArray()"
-        nodes = [figure.list_scene_paths(rig, root)[2].strip("/").split("/") for root in (RIG, GHOST)]
+        nodes = [
+            figure.list_scene_paths(rig, root)[2].strip("/").split("/") for root in (RIG, GHOST)
+        ]
         ends = "[animator.duration, animator.playing, viewer.renderer.info.render.triangles]"
         with ThreadPoolExecutor(1) as pool:
             waiting = pool.submit(live.wait, 60)

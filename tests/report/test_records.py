@@ -58,7 +58,9 @@ def tuned(rig: Rig) -> Tuning:
 def spoilt(rig: Rig) -> Diagnosis:
     """The verdict is *data*, and nothing else is known."""
     log = log_of(rig)
-    found = gimbal_pin.diagnose(rig, [replace(log, tau=np.roll(np.asarray(log.tau), 200, axis=0))], rng=0)
+    found = gimbal_pin.diagnose(
+        rig, [replace(log, tau=np.roll(np.asarray(log.tau), 200, axis=0))], rng=0
+    )
     assert found.verdict == "data" and found.held is None
     return found
 
@@ -69,12 +71,16 @@ RECORDS: dict[str, Callable[[Rig], Record]] = {
     "Diagnosis": diagnosed,
     "Diagnosis of spoilt logs": spoilt,
     "Tuning": lambda rig: tuned(rig),
-    "Judgement": lambda rig: judge_controllers(identified(rig).model, pair_rivals(tuned(rig).stored), rng=0, plants=2),
+    "Judgement": lambda rig: judge_controllers(
+        identified(rig).model, pair_rivals(tuned(rig).stored), rng=0, plants=2
+    ),
     "Tracking": lambda rig: gimbal_pin.track(
         identified(rig).model, pair_rivals(tuned(rig).stored), rng=0, seconds=0.7, one_by_one=False
     ),
     "Excitation": lambda rig: gimbal_pin.excite(rig, seconds=2, starts=1, rng=0),
-    "ExpectedEstimate": lambda rig: predict_estimate(gimbal_pin.nominal(rig), fourier(rig, 0, 8.0), rng=0),
+    "ExpectedEstimate": lambda rig: predict_estimate(
+        gimbal_pin.nominal(rig), fourier(rig, 0, 8.0), rng=0
+    ),
     "Rehearsal": lambda rig: gimbal_pin.rehearse(rig, fourier(rig, 0, 8.0), rng=0),
     "Base": compute_base,
     "Checked": gimbal_pin.check,
@@ -119,7 +125,9 @@ def test_the_table_holds_what_the_dict_holds(record: Record) -> None:
             assert same or (value == {} and name not in cells), name
 
 
-def test_a_notebook_and_a_page_show_every_number_of_the_terminal(record: Record, tmp_path: Path) -> None:
+def test_a_notebook_and_a_page_show_every_number_of_the_terminal(
+    record: Record, tmp_path: Path
+) -> None:
     said = describe_record(record).to_text()
     shown = lxml.html.fromstring(record._repr_html_())
     assert numbers(said) and numbers(said) <= numbers(shown.text_content())
@@ -131,15 +139,23 @@ def test_a_notebook_and_a_page_show_every_number_of_the_terminal(record: Record,
 
 
 def test_showing_a_record_does_not_change_it(record: Record, tmp_path: Path) -> None:
-    before = to_json(record.to_dict()), {one.name: id(getattr(record, one.name)) for one in fields(record)}  # type: ignore[arg-type]
+    before = (
+        to_json(record.to_dict()),
+        {one.name: id(getattr(record, one.name)) for one in fields(record)},
+    )  # type: ignore[arg-type]
     first = record._repr_html_()
     record.report(tmp_path / "page.html")
     assert record._repr_html_() == first
-    assert before == (to_json(record.to_dict()), {name: id(getattr(record, name)) for name in before[1]})
+    assert before == (
+        to_json(record.to_dict()),
+        {name: id(getattr(record, name)) for name in before[1]},
+    )
     assert json.loads(before[0])
 
 
-def test_a_record_draws_the_first_figure_of_its_page_or_says_that_there_is_none(record: Record, tmp_path: Path) -> None:
+def test_a_record_draws_the_first_figure_of_its_page_or_says_that_there_is_none(
+    record: Record, tmp_path: Path
+) -> None:
     if "<svg" in describe_record(record).to_html():
         for suffix in ("png", "svg"):
             record.plot().savefig(tmp_path / f"figure.{suffix}")
@@ -149,7 +165,9 @@ def test_a_record_draws_the_first_figure_of_its_page_or_says_that_there_is_none(
             record.plot()
 
 
-def test_print_shows_what_a_terminal_shows_unless_a_record_has_a_text_of_its_own(record: Record) -> None:
+def test_print_shows_what_a_terminal_shows_unless_a_record_has_a_text_of_its_own(
+    record: Record,
+) -> None:
     if "__str__" not in vars(type(record)):
         assert str(record) == describe_record(record).to_text() and "\n" not in repr(record)
     assert str(record) and len(repr(record)) <= 400
@@ -172,9 +190,14 @@ def test_a_scene_stands_in_a_frame_and_in_a_file(tmp_path: Path) -> None:
     shown = gimbal_pin.animate(rig, log_of(rig).part(slice(0, 500)))
     (frame,) = lxml.html.fromstring(shown._repr_html_()).xpath("//iframe")
     assert frame.get("srcdoc") == shown.page and "\n" not in repr(shown)
-    moving = {name for name, make in RECORDS.items() if describe_record(make(rig)).scene is not None}
+    moving = {
+        name for name, make in RECORDS.items() if describe_record(make(rig)).scene is not None
+    }
     assert moving >= {"Identified", "Diagnosis", "Tracking", "Excitation"}
-    assert RECORDS["Excitation"](rig).animate(tmp_path / "motion.html").page == (tmp_path / "motion.html").read_text()
+    assert (
+        RECORDS["Excitation"](rig).animate(tmp_path / "motion.html").page
+        == (tmp_path / "motion.html").read_text()
+    )
     with pytest.raises(GimbalPinError, match="animate: has nothing that moves"):
         tuned(rig).animate()
 

@@ -19,7 +19,16 @@ from hypothesis import strategies as st
 from markupsafe import Markup
 from PIL import Image
 
-from gimbal_pin.control import RIVAL, Judgement, Tracking, Tuning, judge_controllers, pair_rivals, track, tune
+from gimbal_pin.control import (
+    RIVAL,
+    Judgement,
+    Tracking,
+    Tuning,
+    judge_controllers,
+    pair_rivals,
+    track,
+    tune,
+)
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import Model, Sensors, check, nominal
 from gimbal_pin.effects import CAUSES, Sample, TorqueTable
@@ -86,7 +95,9 @@ class Walk:
     judged: Judgement
 
 
-def bench(rig: Rig, seconds: float = 24.0, rate: float = 250.0, seed: int = 0, name: str = "bench.csv") -> Log:
+def bench(
+    rig: Rig, seconds: float = 24.0, rate: float = 250.0, seed: int = 0, name: str = "bench.csv"
+) -> Log:
     """Return a log whose torque is the nominal model's on a smooth motion, with white noise."""
     rng = np.random.default_rng(seed)
     t = np.arange(0, seconds, 1 / rate)[:, None]
@@ -95,7 +106,10 @@ def bench(rig: Rig, seconds: float = 24.0, rate: float = 250.0, seed: int = 0, n
     for k, w in enumerate((1.1, 2.3, 3.7)):
         w = w * (1 + 0.13 * np.arange(rig.n))
         phase = rng.uniform(0, 6, rig.n)
-        q, v, a = (x + half / (k + 1) * w**d * np.sin(w * t + phase + d * np.pi / 2) for d, x in enumerate((q, v, a)))
+        q, v, a = (
+            x + half / (k + 1) * w**d * np.sin(w * t + phase + d * np.pi / 2)
+            for d, x in enumerate((q, v, a))
+        )
     tau = nominal(rig).inverse(q, v, a)
     tau = tau + 0.01 * tau.std(axis=0) * rng.standard_normal(tau.shape)
     return Log(name, rig.joints, t[:, 0], q, v, tau, payload=rig.payload)
@@ -146,7 +160,9 @@ def gather(walk: Walk, why: str = "", **more: str) -> Auto:
     """Return the results of a walk as `auto` returns them."""
     payload = compare_payload(walk.found)
     tuned = walk.tunings["computed-torque"]
-    head = summary(walk.rig, walk.found, tuned, walk.result, walk.logs, payload=payload, not_held=why, **more)
+    head = summary(
+        walk.rig, walk.found, tuned, walk.result, walk.logs, payload=payload, not_held=why, **more
+    )
     files = {what: Path("out") / name for what, name in FILES.items()}
     tuning = walk.tunings["computed-torque"]
     moved = walk.result.of("all-axes", "computed-torque").log
@@ -182,7 +198,9 @@ def value_of(text: str) -> float:
     """Return what a written number says."""
     plain = text.replace("−", "-").replace("± ", "")
     mantissa, _, power = plain.partition("·10")
-    return float(mantissa) * 10.0 ** int((power or "0").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")))
+    return float(mantissa) * 10.0 ** int(
+        (power or "0").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789"))
+    )
 
 
 @given(st.floats(-1e12, 1e12, allow_subnormal=False), st.integers(1, 6))
@@ -208,14 +226,26 @@ def test_an_interval_is_written_to_its_second_digit(value: float, half: float) -
 def test_what_has_no_value_is_a_dash_and_what_has_no_bound_is_infinite() -> None:
     assert numbers.figures(nan) == numbers.figures(None) == numbers.DASH
     assert numbers.figures(-np.inf) == "−∞" and numbers.interval(1.0, np.inf)[1] == "± ∞"
-    assert [numbers.percent(x) for x in (99.97, 100.0, 99.94, nan)] == ["> 99.9 %", "100.0 %", "99.9 %", numbers.DASH]
-    assert numbers.format_range([nan, 2.0, 1.0]) == "1.0 to 2.0" and numbers.format_range([3.0, 3.001]) == "3.0"
+    assert [numbers.percent(x) for x in (99.97, 100.0, 99.94, nan)] == [
+        "> 99.9 %",
+        "100.0 %",
+        "99.9 %",
+        numbers.DASH,
+    ]
+    assert (
+        numbers.format_range([nan, 2.0, 1.0]) == "1.0 to 2.0"
+        and numbers.format_range([3.0, 3.001]) == "3.0"
+    )
     assert numbers.listed("abc") == "a, b and c"
 
 
 # -- parts of a page ---------------------------------------------------------------------------------------------------
 
-TEXTS = st.text(st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc", "Co", "Cn")), min_size=1, max_size=40)
+TEXTS = st.text(
+    st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc", "Co", "Cn")),
+    min_size=1,
+    max_size=40,
+)
 
 
 @given(TEXTS)
@@ -233,11 +263,49 @@ def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
     page = Document(text, text, [Section(text, parts, text)]).to_html()
     tree = parsed(page)
     assert {element.tag for element in tree.iter() if isinstance(element.tag, str)} <= {
-        *("html", "head", "meta", "link", "title", "style", "body", "div", "nav", "ul", "li", "a", "header", "h1", "p"),
-        *("main", "section", "h2", "table", "caption", "thead", "tbody", "tr", "th", "td", "span", "strong", "small"),
+        *(
+            "html",
+            "head",
+            "meta",
+            "link",
+            "title",
+            "style",
+            "body",
+            "div",
+            "nav",
+            "ul",
+            "li",
+            "a",
+            "header",
+            "h1",
+            "p",
+        ),
+        *(
+            "main",
+            "section",
+            "h2",
+            "table",
+            "caption",
+            "thead",
+            "tbody",
+            "tr",
+            "th",
+            "td",
+            "span",
+            "strong",
+            "small",
+        ),
         *("figure", "figcaption", "svg", "i", "b"),
     }
-    for path in ("//h1", "//h2", "//caption", "//td/span", "//main//li", "//figcaption", "//strong"):
+    for path in (
+        "//h1",
+        "//h2",
+        "//caption",
+        "//td/span",
+        "//main//li",
+        "//figcaption",
+        "//strong",
+    ):
         (found,) = tree.xpath(path)
         assert found.text_content().split() == text.split()
 
@@ -250,9 +318,15 @@ def test_what_is_folded_is_said_in_the_terminal_but_for_pictures() -> None:
         assert Section("x", [elements.folded("Opens", *parts)]).to_text() == ""
 
 
-@given(st.lists(st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8))
+@given(
+    st.lists(
+        st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8
+    )
+)
 def test_every_section_has_an_address_of_its_own(titles: list[str]) -> None:
-    page = parsed(Document("page", "", [Section(title, [Markup("")]) for title in titles]).to_html())
+    page = parsed(
+        Document("page", "", [Section(title, [Markup("")]) for title in titles]).to_html()
+    )
     found = page.xpath("//main/section/@id")
     assert len(set(found)) == len(found) == len(titles)
     assert all(re.fullmatch(r"[a-z0-9-]+", anchor) for anchor in found)
@@ -314,7 +388,12 @@ def test_drawing_leaves_matplotlib_as_it_was_and_gives_the_same_picture_again() 
     tree = parsed(first)
     assert tree.get("aria-label") == EVIL and tree.get("role") == "img"
     texts = [text.text_content() for text in tree.iter("text")]
-    assert "_hidden $x$" in texts and EVIL in texts and "1000" in texts and "0.5" not in first.split("<g")[0]
+    assert (
+        "_hidden $x$" in texts
+        and EVIL in texts
+        and "1000" in texts
+        and "0.5" not in first.split("<g")[0]
+    )
     assert not any("mathdefault" in text for text in texts)
     assert "<style" not in first and "nan" not in first.lower().replace(EVIL, "")
 
@@ -348,14 +427,22 @@ def test_the_rows_shown_are_the_rows_judged(holdout: str) -> None:
     error_rms = weighted_rms(shown.stacked("error"), shown.stacked("share"))
     assert error_rms == pytest.approx(list(judged.torque_rmse.values()), rel=1e-9)
     moving = shown.stacked("share") > 0.999
-    apart = (shown.stacked("measured") - shown.stacked("predicted") - shown.stacked("error"))[moving]
+    apart = (shown.stacked("measured") - shown.stacked("predicted") - shown.stacked("error"))[
+        moving
+    ]
     # A row counts as moving with up to a thousandth of it masked, and friction jumps by about the torque's own size.
-    assert moving.mean() > 0.3 and np.abs(apart).max() < 3e-3 * np.abs(shown.stacked("measured")).max()
-    assert [part.log for part in shown.parts] == ["a.csv", "b.csv"][: 1 if holdout == "log:1" else 2]
+    assert (
+        moving.mean() > 0.3 and np.abs(apart).max() < 3e-3 * np.abs(shown.stacked("measured")).max()
+    )
+    assert [part.log for part in shown.parts] == ["a.csv", "b.csv"][
+        : 1 if holdout == "log:1" else 2
+    ]
 
 
 def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk) -> None:
-    section = show_parameters(walk.found, compare_payload(walk.found), evaluate(walk.found, walk.logs))
+    section = show_parameters(
+        walk.found, compare_payload(walk.found), evaluate(walk.found, walk.logs)
+    )
     rows = cells(section, "Base parameters") + cells(section, "Friction and other effects")
     theta = walk.found.estimate.theta
     std = walk.found.estimate.std
@@ -365,7 +452,9 @@ def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk
         assert half == pytest.approx(1.96 * deviation, rel=0.06)
         assert value_of(row[2]) == pytest.approx(value, abs=0.06 * half + 1e-12)
     truth = dict(zip(walk.found.names, [*nominal_beta(walk), *walk.rig.friction.ravel()]))
-    assert [value_of(row[5]) for row in rows] == pytest.approx(list(truth.values()), rel=1e-3, abs=1e-12)
+    assert [value_of(row[5]) for row in rows] == pytest.approx(
+        list(truth.values()), rel=1e-3, abs=1e-12
+    )
 
 
 def test_a_table_of_torque_is_a_line_and_folded_on_the_page(walk: Walk) -> None:
@@ -375,17 +464,28 @@ def test_a_table_of_torque_is_a_line_and_folded_on_the_page(walk: Walk) -> None:
     still = np.zeros(len(log))
     knots = np.linspace(*np.quantile(pan, (0.1, 0.9)), 31)
     table = TorqueTable("pan", "angle", tuple(knots.tolist()))
-    torque = np.array(table.basis(Sample(pan, still, still, still, still, still))).T @ (0.5 * np.cos(5 * knots))
+    torque = np.array(table.basis(Sample(pan, still, still, still, still, still))).T @ (
+        0.5 * np.cos(5 * knots)
+    )
     tau = log.tau + np.column_stack([torque, still])
-    found = identify(walk.rig, [replace(log, tau=tau)], [table], filtering=Filtering(8.0), holdout="none")
+    found = identify(
+        walk.rig, [replace(log, tau=tau)], [table], filtering=Filtering(8.0), holdout="none"
+    )
     lines = show_parameters(found, compare_payload(found)).to_text().splitlines()
     (said,) = (line for line in lines if "torque-table" in line)
-    assert "31 values" in said and re.search(r"\d\.\d+ ± \d\.\d+ where it is largest, at −?\d+\.\d+°", said)
+    assert "31 values" in said and re.search(
+        r"\d\.\d+ ± \d\.\d+ where it is largest, at −?\d+\.\d+°", said
+    )
     plain = show_parameters(walk.found, compare_payload(walk.found)).to_text().splitlines()
     assert not walk.found.warnings and len(lines) <= len(plain) + 1 + len(found.warnings) + 2
-    section = show_parameters(found, compare_payload(found), evaluate(found, [replace(log, tau=tau)]))
+    section = show_parameters(
+        found, compare_payload(found), evaluate(found, [replace(log, tau=tau)])
+    )
     assert len(cells(section, "Friction and other effects")) == 4
-    assert str(section.html).count("pan.angle_") >= 31 and "<details><summary>pan: torque-table" in section.html
+    assert (
+        str(section.html).count("pan.angle_") >= 31
+        and "<details><summary>pan: torque-table" in section.html
+    )
     assert len(found.to_dict()["base_parameters"]) == len(walk.found.names) + 31
 
 
@@ -404,9 +504,13 @@ def test_a_regrouping_breaks_between_its_terms() -> None:
 @given(st.lists(st.lists(TEXTS, min_size=3, max_size=3), max_size=5))
 def test_terminal_and_page_show_the_same_cells(rows: list[list[str]]) -> None:
     """In the terminal without their marks, a line each, in columns that begin or end below each other."""
-    table = Table(["a", "b", "c"], [[elements.toned(first, "good"), *rest] for first, *rest in rows], texts=2)
+    table = Table(
+        ["a", "b", "c"], [[elements.toned(first, "good"), *rest] for first, *rest in rows], texts=2
+    )
     page = parsed(f"<div>{Markup(table)}</div>").xpath("//tbody/tr")
-    shown = [" ".join(" ".join(cell.text_content().split()) for cell in row).split() for row in page]
+    shown = [
+        " ".join(" ".join(cell.text_content().split()) for cell in row).split() for row in page
+    ]
     head, *lines = str(table).splitlines()
     assert head.split() == ["a", "b", "c"]
     assert " ".join(lines).split() == [word for row in shown for word in row]
@@ -435,9 +539,18 @@ def test_the_axis_on_which_the_model_does_not_help_is_named(walk: Walk) -> None:
     ours, pid = (rows.copy() for rows in walk.judged.errors.values())
     ours[:, 1], pid[:, 1] = pid[:, 1].copy(), ours[:, 1].copy()
     worse = replace(walk.judged, errors=dict(zip(walk.judged.errors, (ours, pid))))
-    assert cautions(walk, None, walk.result) == [] and not any("closely" in one for one in doubts(walk.judged))
-    assert any(one.startswith("On tilt, a PID") and one.endswith("at least as closely.") for one in doubts(worse))
-    assert "unexplained" in verdict(50.0) and "unexplained" in verdict(nan) and "unexplained" not in verdict(99.0)
+    assert cautions(walk, None, walk.result) == [] and not any(
+        "closely" in one for one in doubts(walk.judged)
+    )
+    assert any(
+        one.startswith("On tilt, a PID") and one.endswith("at least as closely.")
+        for one in doubts(worse)
+    )
+    assert (
+        "unexplained" in verdict(50.0)
+        and "unexplained" in verdict(nan)
+        and "unexplained" not in verdict(99.0)
+    )
     assert "not to be run" in verdict(99.0, "", barred=True)
 
 
@@ -445,7 +558,10 @@ def test_no_multiplier_is_shown_of_a_plant_that_the_controller_knows(walk: Walk,
     """How many times closer than PID says nothing of the gimbal where the plant is the model."""
     words = parsed(page.partition("<iframe")[0] + page.rpartition("</iframe>")[2]).text_content()
     assert not re.search(r"times as (closely|much)|closer than|Tracks closer|\d ×", words)
-    assert SIMULATED.format("the identified model") in words and "simulated, not run on the gimbal" in words
+    assert (
+        SIMULATED.format("the identified model") in words
+        and "simulated, not run on the gimbal" in words
+    )
     sent = summary(walk.rig, walk.found, None, None, walk.logs)
     assert SIMULATED.format("the identified model") not in sent.doubts
 
@@ -458,11 +574,16 @@ def test_no_controller_is_praised_that_is_not_to_be_run(walk: Walk) -> None:
         for tuning in (doubted, model_based)
     )
     said = shown.text_content()
-    assert doubted.doubts[0] in said and "not to be run" in shown.xpath("//p[contains(@class, 'headline')]")[0].text
+    assert (
+        doubted.doubts[0] in said
+        and "not to be run" in shown.xpath("//p[contains(@class, 'headline')]")[0].text
+    )
     assert "not to be run" not in safe.text_content() and "is safer" not in said
 
 
-@pytest.mark.parametrize(("low", "high"), [(0.02, 0.08), (0.11, 0.9), (0.5, 30.0), (1e-6, 1e3), (2.1, 2.9)])
+@pytest.mark.parametrize(
+    ("low", "high"), [(0.02, 0.08), (0.11, 0.9), (0.5, 30.0), (1e-6, 1e3), (2.1, 2.9)]
+)
 def test_a_logarithmic_axis_has_labels_that_tell_its_scale(low: float, high: float) -> None:
     """Two at least wherever two round numbers lie within it; over many decades no more than the powers of ten."""
 
@@ -476,16 +597,22 @@ def test_a_logarithmic_axis_has_labels_that_tell_its_scale(low: float, high: flo
 
 
 def test_torques_of_one_table_are_in_one_unit() -> None:
-    assert numbers.torque_text(2e-4) == "0.20 mN m" and numbers.torque_text(2e-4, 0.5) == "0.00020 N m"
+    assert (
+        numbers.torque_text(2e-4) == "0.20 mN m" and numbers.torque_text(2e-4, 0.5) == "0.00020 N m"
+    )
     assert numbers.torque_text(0.4, 2e-4) == numbers.torque_text(0.4)
 
 
-def test_page_and_terminal_claim_median_and_worst_of_the_perturbed_plants(walk: Walk, page: str) -> None:
+def test_page_and_terminal_claim_median_and_worst_of_the_perturbed_plants(
+    walk: Walk, page: str
+) -> None:
     """The same figures as JSON: the errors of controller and PID, and their ratio."""
     found = walk.judged.to_dict()
     table = str(tables.judgement(walk.judged, list_shown_joints(walk.rig)))
     ratio = found["ratios"]["computed-torque"]
-    claimed = "{} ({})".format(*(numbers.figures(ratio[of]["pan"], 2) for of in ("median", "worst")))
+    claimed = "{} ({})".format(
+        *(numbers.figures(ratio[of]["pan"], 2) for of in ("median", "worst"))
+    )
     assert claimed in table and claimed in parsed(page).text_content() and "on 2 plants" in page
     assert claimed in show_judgement(walk.judged).to_text()
 
@@ -508,28 +635,42 @@ def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) 
     stuck = replace(
         calm,
         experiments=tuple(
-            replace(e, joints={j: replace(m, saturated=0.5 * (e.controller == RIVAL)) for j, m in e.joints.items()})
+            replace(
+                e,
+                joints={
+                    j: replace(m, saturated=0.5 * (e.controller == RIVAL))
+                    for j, m in e.joints.items()
+                },
+            )
             for e in calm.experiments
         ),
     )
     (said,) = cautions(walk, None, stuck)
     assert (
-        said.startswith("PID with feed-forward is at the torque limit") and "50 %" in said and "no fair rival" in said
+        said.startswith("PID with feed-forward is at the torque limit")
+        and "50 %" in said
+        and "no fair rival" in said
     )
     text = parsed(str(summary(walk.rig, walk.found, None, stuck).section.html)).text_content()
     assert said in text
     vague = walk.found.model.estimated
     assert vague is not None
-    unsure = Model(walk.rig, walk.found.model.terms, replace(vague, covariance=vague.covariance * 1e8))
+    unsure = Model(
+        walk.rig, walk.found.model.terms, replace(vague, covariance=vague.covariance * 1e8)
+    )
     tuning = tune(unsure, dt=0.002)
     assert any("not to be run" in said for said in cautions(walk, tuning))
-    assert not any("is safer" in said for said in cautions(walk, tuning))  # by the same model no PID is, either
+    assert not any(
+        "is safer" in said for said in cautions(walk, tuning)
+    )  # by the same model no PID is, either
     assert any("is safer" in said for said in cautions(walk, replace(tuning, doubts=())))
 
 
 def test_the_absolute_path_of_a_log_is_nowhere(walk: Walk) -> None:
     name = "/home/someone/logs/bench.csv"
-    page = str(show_logs(walk.rig, [replace(walk.logs[0], name=name, events=("something happened",))]).html)
+    page = str(
+        show_logs(walk.rig, [replace(walk.logs[0], name=name, events=("something happened",))]).html
+    )
     assert "someone" not in page and "bench.csv: something happened" in page
 
 
@@ -556,8 +697,14 @@ def test_sliding_joints_are_shown_in_millimetres(slid: Walk) -> None:
         show_judgement(slid.judged),
         show_tracking(slid.result),
     )
-    words = parsed(f"<div>{text}{join(one.html for one in several)}</div>").text_content().replace("\u00a0", " ")
-    head = parsed(str(summary(rig, slid.found, None, slid.result, slid.logs).section.html)).text_content()
+    words = (
+        parsed(f"<div>{text}{join(one.html for one in several)}</div>")
+        .text_content()
+        .replace("\u00a0", " ")
+    )
+    head = parsed(
+        str(summary(rig, slid.found, None, slid.result, slid.logs).section.html)
+    ).text_content()
     for shown in (words, head):
         assert not re.search(r"\bm?N m\b|/rad", shown)
     assert "°" not in words and "N s/m" in words and "torque, N" in words
@@ -577,10 +724,16 @@ def test_the_terminal_and_json_have_the_units_of_joints_that_slide(slid: Walk) -
         show_diagnosis(wrong).to_text(),
     )
     shown += tuple(show_controller(one).to_text(detailed=True) for one in slid.tunings.values())
-    files = to_json(slid.found.to_dict()), to_json(wrong.to_dict()), to_json(slid.tunings["pid"].to_dict())
+    files = (
+        to_json(slid.found.to_dict()),
+        to_json(wrong.to_dict()),
+        to_json(slid.tunings["pid"].to_dict()),
+    )
     for said in (*shown, *files):
         assert not re.search(r"\bm?N m\b|\brad\b|/rad|\d kg m²", said), said
-        assert all("margin" in line or "Hz" in line for line in said.splitlines() if "°" in line), said
+        assert all("margin" in line or "Hz" in line for line in said.splitlines() if "°" in line), (
+            said
+        )
     assert (
         "−200 mm … 200 mm" in shown[0]
         and "Torque limit, N " in shown[0]
@@ -616,7 +769,9 @@ def test_payload_and_motors_are_those_of_the_rig() -> None:
     said = re.search(r"Payload <b>cinema</b> \(([\d.]+) kg\)", section.html)
     assert said is not None and float(said[1]) == pytest.approx(moved - without, abs=0.01)
     told = show_rig(rig, 0.5).html
-    weighed = re.search(r"mass ([\d.]+) kg.*</b> \(0.500 kg as weighed; its URDF says ([\d.]+)", told)
+    weighed = re.search(
+        r"mass ([\d.]+) kg.*</b> \(0.500 kg as weighed; its URDF says ([\d.]+)", told
+    )
     assert weighed is not None and weighed[2] == said[1]
     assert float(weighed[1]) == pytest.approx(without + 0.5, abs=0.01)
     assert cells(section, "Joints and limits")[1][:3] == ["roll", "fork", "−50.0° … 50.0°"]
@@ -629,11 +784,25 @@ def test_payload_and_motors_are_those_of_the_rig() -> None:
 def test_the_whole_report_has_every_part(page: str, animation: str) -> None:
     tree = parsed(page)
     titles = [heading.text_content() for heading in tree.iter("h2")]
-    assert titles[:-3] == ["Summary", "Animation", "Parameters", "Torque", "Controller", "Perturbed plants"]
+    assert titles[:-3] == [
+        "Summary",
+        "Animation",
+        "Parameters",
+        "Torque",
+        "Controller",
+        "Perturbed plants",
+    ]
     assert titles[-3:] == ["Tracking", "Data", "Rig"]
-    assert [link.get("href") for link in tree.xpath("//nav//a")] == [f"#{s.get('id')}" for s in tree.iter("section")]
+    assert [link.get("href") for link in tree.xpath("//nav//a")] == [
+        f"#{s.get('id')}" for s in tree.iter("section")
+    ]
     assert embedded(tree.xpath("//iframe")[0]) == animation
-    around = re.sub(r"<script>\n/\*\nThe MIT License.*?</script>", "", page.replace(elements.INFLATE, ""), flags=re.S)
+    around = re.sub(
+        r"<script>\n/\*\nThe MIT License.*?</script>",
+        "",
+        page.replace(elements.INFLATE, ""),
+        flags=re.S,
+    )
     assert len(around) < 0.8e6
     identifiers = re.findall(r' id="([^"]*)"', around)
     assert len(set(identifiers)) == len(identifiers)
@@ -641,16 +810,27 @@ def test_the_whole_report_has_every_part(page: str, animation: str) -> None:
     assert set(pointed) <= set(identifiers)
     for drawing in tree.iter("svg"):
         curves = sum(path.get("d").count("L") > 20 for path in drawing.iter("path"))
-        assert drawing.xpath(".//defs//*[@style]") == []  # no rule of a page reaches into what is used
+        assert (
+            drawing.xpath(".//defs//*[@style]") == []
+        )  # no rule of a page reaches into what is used
         assert drawing.get("aria-label") and curves + len(list(drawing.iter("use"))) > 1
 
 
 def test_names_that_would_break_the_page_are_only_text() -> None:
     rig = Rig.load("turret")
     evil = tuple(f"{EVIL}{k}" for k in range(rig.n))
-    rig = replace(rig, name=EVIL, joints=evil, payload=EVIL, config=replace(rig.config, description=EVIL, motors={}))
+    rig = replace(
+        rig,
+        name=EVIL,
+        joints=evil,
+        payload=EVIL,
+        config=replace(rig.config, description=EVIL, motors={}),
+    )
     walk = walked(rig, EVIL)
-    assert parsed(Document(EVIL, "", [Section("x", [Markup("y")])]).to_html()).findtext(".//title") == EVIL
+    assert (
+        parsed(Document(EVIL, "", [Section("x", [Markup("y")])]).to_html()).findtext(".//title")
+        == EVIL
+    )
     tree = parsed(whole(walk))
     assert len(tree.xpath("//script")) == 2 and tree.xpath("//main//b//script") == []
     assert tree.findtext(".//h1").startswith(EVIL)
@@ -670,14 +850,20 @@ def test_the_summary_says_on_what_the_steps_were_simulated(walk: Walk) -> None:
 def test_a_diagnosis_plays_the_log_and_the_stretch_that_the_model_explains_least() -> None:
     """The page says which, and scene and charts have its clock."""
     rig = Rig.load("turret")
-    first, second = (bench(rig, 70.0, 100.0, seed, name) for seed, name in ((1, "a.csv"), (2, "b.csv")))
+    first, second = (
+        bench(rig, 70.0, 100.0, seed, name) for seed, name in ((1, "a.csv"), (2, "b.csv"))
+    )
     tau = np.asarray(second.tau).copy()
     tau[6000:6200] += 0.3 * tau.std(axis=0) * np.sin(np.arange(200) / 5)[:, None]
     found = diagnose(rig, [first, replace(second, tau=tau)], rng=0, holdout="last-third")
     page = describe_record(found).to_html()
-    said = re.search(r"Shown is b\.csv: ([\d.]+) to ([\d.]+) s, where the model leaves most\.", page)
+    said = re.search(
+        r"Shown is b\.csv: ([\d.]+) to ([\d.]+) s, where the model leaves most\.", page
+    )
     assert (
-        said is not None and 0 < float(said[1]) < 10 and float(said[2]) == pytest.approx(float(said[1]) + 60, abs=0.1)
+        said is not None
+        and 0 < float(said[1]) < 10
+        and float(said[2]) == pytest.approx(float(said[1]) + 60, abs=0.1)
     )
     tree = parsed(page)
     (frame,) = tree.xpath("//iframe")
@@ -694,9 +880,14 @@ def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) 
     assert brief[:3] == [head.found, "What to do", f"  {head.to_do[0]}"]
     why = "No camera was held on a platform that moves: no IMU."
     assert head.doubts == (why, SIMULATED.format("the identified model"))
-    assert all(f"  {doubt}" in brief for doubt in head.doubts) and found.payload.lines[0][1:] in "".join(brief)
+    assert all(f"  {doubt}" in brief for doubt in head.doubts) and found.payload.lines[0][
+        1:
+    ] in "".join(brief)
     shown = [card for card in head.numbers if card.is_headline]
-    assert all(any(line.startswith(card.label) for line in brief) for card in shown) and len(brief) <= 15
+    assert (
+        all(any(line.startswith(card.label) for line in brief) for card in shown)
+        and len(brief) <= 15
+    )
     assert all(f"  {one}" in everything for one in (*head.to_do, *head.doubts))
     assert len(everything) > 60 and head.found in everything and "out/report.html" in everything[-1]
     assert head.found in page and head.to_do[0] in page
@@ -727,7 +918,9 @@ FIRST = """(() => { const [first, ...rest] = document.querySelectorAll('section'
 
 
 @needs_browser
-def test_a_screen_holds_the_decision_and_the_rig_and_the_rest_opens_by_its_name(page: str, tmp_path: Path) -> None:
+def test_a_screen_holds_the_decision_and_the_rig_and_the_rest_opens_by_its_name(
+    page: str, tmp_path: Path
+) -> None:
     path = tmp_path / "report.html"
     path.write_text(page, encoding="utf-8")
     last = "document.querySelector('nav li:last-child a').click()"
@@ -744,7 +937,9 @@ def test_a_drawing_names_the_joints_in_question_and_the_way_to_balance() -> None
     said = elements.paragraph("decided")
     figure = parsed(str(Markup(RigDrawing(rig, ["roll"], moved, [said]))))
     assert "decided" in figure.text_content()
-    assert figure.findtext(".//figcaption") == "in question: roll; to balance: 3 mm forward, 2 mm down"
+    assert (
+        figure.findtext(".//figcaption") == "in question: roll; to balance: 3 mm forward, 2 mm down"
+    )
     names = [text.text_content() for text in figure.iter("text")]
     assert names == ["roll"] and str(RigDrawing(rig, ["roll"], moved, [said])) == "decided"
     unknown = replace(moved, std=np.full(3, 1.0))
@@ -774,16 +969,28 @@ def test_paper_shows_the_scene_as_a_still(page: str, tmp_path: Path) -> None:
 
 
 @needs_browser
-def test_axe_has_nothing_against_the_report_light_or_dark(page: str, animation: str, tmp_path: Path) -> None:
+def test_axe_has_nothing_against_the_report_light_or_dark(
+    page: str, animation: str, tmp_path: Path
+) -> None:
     time = datetime(2026, 1, 2, 3, 4, tzinfo=timezone.utc)
     origin = Origin(time, "gimbal-pin auto <rig>", [("log.csv", 64 * "a")], {"model": "model.yaml"})
-    head = Document("page", "what it is", [Section("x", [elements.paragraph("y")])], origin).to_html()
-    assert "2026-01-02 03:04 UTC" in head and "auto &lt;rig&gt;" in head and 'href="model.yaml"' in head
+    head = Document(
+        "page", "what it is", [Section("x", [elements.paragraph("y")])], origin
+    ).to_html()
+    assert (
+        "2026-01-02 03:04 UTC" in head
+        and "auto &lt;rig&gt;" in head
+        and 'href="model.yaml"' in head
+    )
     for text in (head, page, animation):
         path = tmp_path / "page.html"
         found = list[Any]()
         path.write_text(text, encoding="utf-8")
-        audits = [step for scheme in ("light", "dark") for step in (media("screen", scheme), pause(0.5), audit(found))]
+        audits = [
+            step
+            for scheme in ("light", "dark")
+            for step in (media("screen", scheme), pause(0.5), audit(found))
+        ]
         visit(path.as_uri(), OPEN, wide(1280), *audits)
         assert found == []
 

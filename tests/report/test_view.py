@@ -123,8 +123,15 @@ def keyframes(page: str) -> dict[str, dict[str, tuple[np.ndarray, np.ndarray]]]:
         for entry in command.get("animations", ()):
             for track in entry["clip"]["tracks"]:
                 on = isinstance(track["values"], list)
-                values = np.array(track["values"]) if on else array(track["values"], width.get(track["name"], 3))
-                found.setdefault(entry["path"], {})[track["name"]] = (array(track["times"], 1)[:, 0], values)
+                values = (
+                    np.array(track["values"])
+                    if on
+                    else array(track["values"], width.get(track["name"], 3))
+                )
+                found.setdefault(entry["path"], {})[track["name"]] = (
+                    array(track["times"], 1)[:, 0],
+                    values,
+                )
     return found
 
 
@@ -133,7 +140,9 @@ def groups(page: str, frame: int | None = None) -> dict[str, np.ndarray]:
     found = {c["path"]: square(c["matrix"]) for c in commands(page) if c["type"] == "set_transform"}
     for path, tracks in keyframes(page).items() if frame is not None else ():
         if ".quaternion" in tracks:
-            found[path][:3, :3] = pin.Quaternion(tracks[".quaternion"][1][frame]).normalized().matrix()
+            found[path][:3, :3] = (
+                pin.Quaternion(tracks[".quaternion"][1][frame]).normalized().matrix()
+            )
         if ".position" in tracks:
             found[path][:3, 3] = tracks[".position"][1][frame]
     return found
@@ -154,7 +163,9 @@ def parts(page: str, root: str = RIG, frame: int | None = None) -> list[np.ndarr
     return [
         world(moved, command["path"]) @ square(child["matrix"])
         for command in commands(page)
-        if command["type"] == "set_object" and command["path"].startswith(root) and command["path"].endswith("/solids")
+        if command["type"] == "set_object"
+        and command["path"].startswith(root)
+        and command["path"].endswith("/solids")
         for child in command["object"]["object"]["children"]
     ]
 
@@ -200,7 +211,9 @@ def told_from_zero(most: float) -> st.SearchStrategy[float]:
 
 
 @given(q=st.tuples(told_from_zero(4), told_from_zero(2), told_from_zero(1)))
-def test_links_fixed_to_a_moved_one_or_to_the_base_stand_where_they_belong(lumped: Rig, q: tuple[float, ...]) -> None:
+def test_links_fixed_to_a_moved_one_or_to_the_base_stand_where_they_belong(
+    lumped: Rig, q: tuple[float, ...]
+) -> None:
     page = view.record(lumped, at(lumped, np.array(q), q_ref=np.array([q]) / 2))
     assert_same_set(parts(page), expected(lumped, np.array(q)), 1e-9)
     ghosts = parts(page, GHOST)  # a depth pass and a tint of what moves
@@ -219,7 +232,9 @@ def test_keyframes_are_forward_kinematics(name: str, lumped: Rig) -> None:
         pin.framesForwardKinematics(rig.model, data, q)
         moved = groups(page, frame)
         for joint, path in enumerate(figure.list_scene_paths(rig, RIG)):
-            assert np.allclose(world(moved, path), data.oMi[joint].homogeneous, atol=2e-7)  # keyframes are float32
+            assert np.allclose(
+                world(moved, path), data.oMi[joint].homogeneous, atol=2e-7
+            )  # keyframes are float32
         assert_same_set(parts(page, frame=frame), expected(rig, q), 2e-7)
 
 
@@ -234,16 +249,23 @@ def test_the_line_of_sight_is_plus_x_of_the_camera_frame(name: str, lumped: Rig)
     for root, sign, trail in ((RIG, 1, "/meshcat/trail"), (GHOST, -1, "/meshcat/reference")):
         robot.update_cfg(dict(zip(rig.joints, sign * q, strict=True)))
         camera = robot.get_transform(rig.camera_frame, rig.base)
-        beam = next(c for c in commands(page) if c["path"].startswith(root) and c["path"].endswith("line of sight"))
+        beam = next(
+            c
+            for c in commands(page)
+            if c["path"].startswith(root) and c["path"].endswith("line of sight")
+        )
         ray, _, dot = (
-            world(groups(page), beam["path"]) @ square(c["matrix"]) for c in beam["object"]["object"]["children"]
+            world(groups(page), beam["path"]) @ square(c["matrix"])
+            for c in beam["object"]["object"]["children"]
         )
         length = beam["object"]["geometries"][0]["height"]
         assert np.allclose(ray[:3, 1], camera[:3, 0])  # a three.js cylinder stands on its y
         assert np.allclose(dot[:3, 3], camera[:3, 3] + length * camera[:3, 0])
         assert np.allclose(2 * ray[:3, 3], camera[:3, 3] + dot[:3, 3])
         path = next(c for c in commands(page) if c["path"] == trail)["object"]["geometries"][0]
-        assert np.allclose(array(path["data"]["attributes"]["position"]["array"], 3), dot[:3, 3], atol=1e-6)
+        assert np.allclose(
+            array(path["data"]["attributes"]["position"]["array"], 3), dot[:3, 3], atol=1e-6
+        )
 
 
 def test_frames_run_from_first_to_last_sample_at_the_asked_rate_and_speed(lumped: Rig) -> None:
@@ -255,7 +277,9 @@ def test_frames_run_from_first_to_last_sample_at_the_asked_rate_and_speed(lumped
                 assert times[0] == 0 and times[-1] == pytest.approx(2.0 / speed, rel=1e-6)
                 assert np.allclose(times, np.arange(count) / fps, atol=1e-6)
     odd = keyframes(view.record(lumped, sweep(lumped, seconds=2.01), fps=10))
-    assert next(iter(odd.values()))[".quaternion"][0][-2:] == pytest.approx([2.0, 2.01])  # the end is never cut off
+    assert next(iter(odd.values()))[".quaternion"][0][-2:] == pytest.approx(
+        [2.0, 2.01]
+    )  # the end is never cut off
 
 
 def test_joint_order_and_extra_columns_of_the_log_do_not_matter(lumped: Rig) -> None:
@@ -307,7 +331,9 @@ def test_every_view_holds_the_rig_and_its_line_of_sight_and_is_filled_by_it(
     shown = motion(rig, sweep(rig, rate=60), 15, 1.0, False)
     shot = scene(rig, shown, aspect=aspect, beside=shown if is_double else None)
     hull = figure.hull(visuals(rig)[0], poses(rig.model, shown.q).world)
-    trail = next(c for c in shot.commands if c["path"] == "/meshcat/trail")["object"]["geometries"][0]
+    trail = next(c for c in shot.commands if c["path"] == "/meshcat/trail")["object"]["geometries"][
+        0
+    ]
     ends = array(trail["data"]["attributes"]["position"]["array"], 3)
     room = max(min(aspect / 2, 1.0), min(aspect, 0.5)) / 1.1 if is_double else min(aspect, 1.0)
     for view_name, placed in [*shot.views.items()][: 1 if is_double else None]:
@@ -317,7 +343,12 @@ def test_every_view_holds_the_rig_and_its_line_of_sight_and_is_filled_by_it(
         right = np.cross([0, 0, 1.0], back) / np.linalg.norm(np.cross([0, 0, 1.0], back))
         points = np.vstack([hull, ends]) + square(placed[0]["matrix"])[:3, 3]
         depth = np.linalg.norm([x, y, z]) - points @ back
-        slopes = points @ np.array([right, np.cross(back, right)]).T / depth[:, None] / np.tan(np.deg2rad(32.0) / 2)
+        slopes = (
+            points
+            @ np.array([right, np.cross(back, right)]).T
+            / depth[:, None]
+            / np.tan(np.deg2rad(32.0) / 2)
+        )
         assert depth.min() > properties["near"] and depth.max() < properties["far"]
         share = np.abs(slopes / [aspect, 1.0]).max()
         assert share < 0.88 + 1e-6 if is_double else share == pytest.approx(0.88)
@@ -328,7 +359,9 @@ def test_every_view_holds_the_rig_and_its_line_of_sight_and_is_filled_by_it(
                 for y, high in ((1, "upper"), (-1, "lower"))
                 for x, wide in ((-1, "left"), (1, "right"))
             }
-            behind = {at: np.sum((y * up > 0.55) & (x * across > 0.5)) for at, (y, x) in sides.items()}
+            behind = {
+                at: np.sum((y * up > 0.55) & (x * across > 0.5)) for at, (y, x) in sides.items()
+            }
             assert is_double or behind[shot.corner] == min(behind.values())
         if name != "lumped":
             assert np.ptp(slopes[: len(hull)], axis=0).max() / 2 > 0.6 * room, view_name
@@ -340,7 +373,9 @@ def test_every_view_holds_the_rig_and_its_line_of_sight_and_is_filled_by_it(
 
 def test_named_materials_meshes_and_what_is_missing(tmp_path: Path) -> None:
     (tmp_path / "pkg").mkdir()
-    (tmp_path / "pkg" / "block.stl").write_bytes(stl(np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3.0]])))
+    (tmp_path / "pkg" / "block.stl").write_bytes(
+        stl(np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3.0]]))
+    )
     (tmp_path / "broken.stl").write_bytes(b"solid nothing")
     mesh = "<visual><geometry><mesh filename='{}' scale='0.1 0.1 0.1'/></geometry></visual>"
     files = ("package://pkg/block.stl", "absent.stl", "broken.stl", "pkg/block.stl")
@@ -349,24 +384,39 @@ def test_named_materials_meshes_and_what_is_missing(tmp_path: Path) -> None:
     solids, events, missing = visuals(bare(tmp_path, LUMPED + link + weld))
     by_link = {solid.link: solid for solid in solids}
     assert by_link["tip"].rgba == (0.2, 0.4, 0.6, 1.0)
-    assert [solid.facets for solid in solids if solid.link == "hull"] == [True, True] and missing == {"hull"}
-    assert np.allclose([solid.corners.max(axis=0) for solid in solids if solid.facets], [[0.1, 0.2, 0.3]] * 2)
-    assert len(events) == 2 and "absent.stl' is not there" in events[0] and "broken.stl' cannot be read" in events[1]
+    assert [solid.facets for solid in solids if solid.link == "hull"] == [
+        True,
+        True,
+    ] and missing == {"hull"}
+    assert np.allclose(
+        [solid.corners.max(axis=0) for solid in solids if solid.facets], [[0.1, 0.2, 0.3]] * 2
+    )
+    assert (
+        len(events) == 2
+        and "absent.stl' is not there" in events[0]
+        and "broken.stl' cannot be read" in events[1]
+    )
 
 
-def test_a_link_whose_mesh_is_missing_gets_a_bar_and_one_without_visuals_none(tmp_path: Path) -> None:
+def test_a_link_whose_mesh_is_missing_gets_a_bar_and_one_without_visuals_none(
+    tmp_path: Path,
+) -> None:
     link = "<link name='hull'><visual><geometry><mesh filename='absent.stl'/></geometry></visual></link>"
     weld = "<joint name='w' type='fixed'><parent link='boom'/><child link='hull'/></joint>"
     rig = bare(tmp_path, LUMPED + link + weld)
     drawn = scene(rig, motion(rig, sweep(rig), 30, 1.0, False))
     owners = [
-        path for path in figure.list_scene_paths(rig, RIG) if any(c["path"] == f"{path}/solids" for c in drawn.commands)
+        path
+        for path in figure.list_scene_paths(rig, RIG)
+        if any(c["path"] == f"{path}/solids" for c in drawn.commands)
     ]
     assert owners == [figure.list_scene_paths(rig, RIG)[k] for k in (0, 2, 3)]  # not the mast
     assert "nothing to draw of boom" in drawn.events[-1]
 
 
-def test_a_second_run_stands_beside_the_first_and_moves_by_its_own_log(lumped: Rig, tmp_path: Path) -> None:
+def test_a_second_run_stands_beside_the_first_and_moves_by_its_own_log(
+    lumped: Rig, tmp_path: Path
+) -> None:
     log = sweep(lumped)
     other = replace(log, q=-log.q)
     view.animate(lumped, log, tmp_path / "both.html", beside=other, ghost=False)
@@ -376,13 +426,19 @@ def test_a_second_run_stands_beside_the_first_and_moves_by_its_own_log(lumped: R
     shift = second[0][:3, 3] - alone[0][:3, 3]
     assert np.linalg.norm(shift) > 0.5 and shift[2] == 0
     for a, b in zip(second, alone, strict=True):
-        assert np.allclose(a[:3, 3] - b[:3, 3], shift, atol=1e-6) and np.allclose(a[:3, :3], b[:3, :3], atol=1e-6)
+        assert np.allclose(a[:3, 3] - b[:3, 3], shift, atol=1e-6) and np.allclose(
+            a[:3, :3], b[:3, :3], atol=1e-6
+        )
 
 
-def test_the_ghosts_of_two_runs_show_their_errors_magnified_by_one_factor(lumped: Rig, tmp_path: Path) -> None:
+def test_the_ghosts_of_two_runs_show_their_errors_magnified_by_one_factor(
+    lumped: Rig, tmp_path: Path
+) -> None:
     log = sweep(lumped)
     assert log.q_ref is not None
-    worse, better = (replace(log, q=log.q_ref - off, name=f"{off}/run.csv") for off in (0.011, 0.002))
+    worse, better = (
+        replace(log, q=log.q_ref - off, name=f"{off}/run.csv") for off in (0.011, 0.002)
+    )
     alone = replace(better, q_ref=None, name="alone.csv")
     for left, right, names, legend, apart in (
         (worse, better, ["0.011/run.csv", "0.002/run.csv"], "reference, error × 20", (0.22, 0.04)),
@@ -396,7 +452,9 @@ def test_the_ghosts_of_two_runs_show_their_errors_magnified_by_one_factor(lumped
         assert legend in page
         assert [one["name"] for one in recorded(page)["names"]] == names
         for home, angle in zip(("/meshcat", "/meshcat/beside"), apart, strict=True):
-            own, ghost = (figure.list_scene_paths(lumped, f"{home}/{one}")[2] for one in ("rig", "ghost"))
+            own, ghost = (
+                figure.list_scene_paths(lumped, f"{home}/{one}")[2] for one in ("rig", "ghost")
+            )
             assert (ghost in moved) == (angle is not None)
             if angle is not None:
                 turn = moved[own][:3, :3].T @ moved[ghost][:3, :3]
@@ -408,11 +466,15 @@ def test_the_ghosts_of_two_runs_show_their_errors_magnified_by_one_factor(lumped
 def stl(corners: np.ndarray) -> bytes:
     """Return a tetrahedron as a binary STL."""
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    records = b"".join(np.vstack([np.zeros(3), corners[face]]).astype("<f4").tobytes() + b"\0\0" for face in faces)
+    records = b"".join(
+        np.vstack([np.zeros(3), corners[face]]).astype("<f4").tobytes() + b"\0\0" for face in faces
+    )
     return bytes(80) + len(faces).to_bytes(4, "little") + records
 
 
-def test_a_rig_that_draws_nothing_gets_a_stand_in_for_every_joint_and_says_so(tmp_path: Path) -> None:
+def test_a_rig_that_draws_nothing_gets_a_stand_in_for_every_joint_and_says_so(
+    tmp_path: Path,
+) -> None:
     rig = bare(tmp_path)
     out = tmp_path / "out.html"
     (event,) = view.animate(rig, sweep(rig), out).events
@@ -423,23 +485,32 @@ def test_a_rig_that_draws_nothing_gets_a_stand_in_for_every_joint_and_says_so(tm
     axes = [np.array([0, 0, 1.0]), np.array([0, 0.6, 0.8]), np.array([1.0, 0, 0])]
     for path, axis in zip(figure.list_scene_paths(rig, RIG)[1:], axes, strict=True):
         first = drawn[f"{path}/solids"]["object"]["children"][0]
-        assert np.allclose(square(first["matrix"])[:3, 1], axis)  # a three.js cylinder stands on its y
+        assert np.allclose(
+            square(first["matrix"])[:3, 1], axis
+        )  # a three.js cylinder stands on its y
     assert still[figure.list_scene_paths(rig, RIG)[2]][:3, 3] == pytest.approx([0, 0, 0.4])
 
 
 def test_the_ghost_is_there_only_with_a_reference_and_only_if_asked(lumped: Rig) -> None:
     log = sweep(lumped)
     assert parts(view.record(lumped, log), GHOST)
-    for page in (view.record(lumped, log, ghost=False), view.record(lumped, replace(log, q_ref=None))):
+    for page in (
+        view.record(lumped, log, ghost=False),
+        view.record(lumped, replace(log, q_ref=None)),
+    ):
         assert not any(command["path"].startswith(GHOST) for command in commands(page))
 
 
-def test_the_ghost_of_a_link_and_of_the_line_of_sight_is_drawn_only_while_it_is_apart(lumped: Rig) -> None:
+def test_the_ghost_of_a_link_and_of_the_line_of_sight_is_drawn_only_while_it_is_apart(
+    lumped: Rig,
+) -> None:
     log = sweep(lumped)
     lag = np.where(log.t[:, None] < 4.0, 0.0, [0.0, 0.2, 0.0])
     tracks = keyframes(view.record(lumped, replace(log, q_ref=log.q + lag)))
     tip = f"{figure.list_scene_paths(lumped, GHOST)[3]}/solids"  # the only link that draws anything
-    beam = next(path for path in tracks if path.startswith(GHOST) and path.endswith("line of sight"))
+    beam = next(
+        path for path in tracks if path.startswith(GHOST) and path.endswith("line of sight")
+    )
     for path in (tip, beam):
         times, shown = tracks[path][".visible"]
         assert np.array_equal(shown, times >= 1.0)
@@ -463,7 +534,9 @@ def test_grid_lines_are_a_round_distance_apart_and_few(size: float) -> None:
 
 
 @pytest.mark.parametrize("name", bundled_rigs())
-def test_the_map_of_shadows_holds_all_that_casts_them_and_spends_few_texels_on_the_rest(name: str) -> None:
+def test_the_map_of_shadows_holds_all_that_casts_them_and_spends_few_texels_on_the_rest(
+    name: str,
+) -> None:
     rig = Rig.load(name)
     shown = motion(rig, sweep(rig, rate=60), 15, 1.0, False)
     shot = scene(rig, shown)
@@ -473,16 +546,24 @@ def test_the_map_of_shadows_holds_all_that_casts_them_and_spends_few_texels_on_t
     lamp = square(key["matrix"])[:3, 3]
     back = lamp / np.linalg.norm(lamp)  # a lamp looks at the origin, its right is level
     right = np.cross([0, 0, 1.0], back) / np.linalg.norm(np.cross([0, 0, 1.0], back))
-    moves = [square(view[0]["matrix"])[:3, 3] for view in shot.views.values()]  # what is looked at is at the origin
-    points = np.vstack([figure.hull(visuals(rig)[0], poses(rig.model, shown.q).world) + move for move in moves])
+    moves = [
+        square(view[0]["matrix"])[:3, 3] for view in shot.views.values()
+    ]  # what is looked at is at the origin
+    points = np.vstack(
+        [figure.hull(visuals(rig)[0], poses(rig.model, shown.q).world) + move for move in moves]
+    )
     seen = (points - lamp) @ np.array([right, np.cross(back, right), -back]).T
     low, high = (
-        np.array([eye[side] for side in sides]) for sides in (("left", "bottom", "near"), ("right", "top", "far"))
+        np.array([eye[side] for side in sides])
+        for sides in (("left", "bottom", "near"), ("right", "top", "far"))
     )
     assert (low < seen.min(axis=0)).all() and (seen.max(axis=0) < high).all()
     assert (np.ptp(seen, axis=0) > 0.7 * (high - low))[:2].all()
     texel = (high - low)[:2] / key["shadow"]["mapSize"]
-    assert texel[0] == pytest.approx(texel[1], rel=0.01) and texel[0] < 0.004 * np.ptp(seen, axis=0)[:2].min()
+    assert (
+        texel[0] == pytest.approx(texel[1], rel=0.01)
+        and texel[0] < 0.004 * np.ptp(seen, axis=0)[:2].min()
+    )
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------
@@ -516,15 +597,34 @@ EVIL = ("</script><script>alert(1)</script>", "<!--<script>", "]]>&'<img src=x o
 def test_a_name_is_no_part_of_a_page(name: str, lumped: Rig, tmp_path: Path) -> None:
     """Of rig, joints, links, log and payload; the pages of a file, of a live view and of what a camera sees."""
     text = BARE.replace("EXTRA", LUMPED)
-    for old in ("bare", "base", "mast", "boom", "ns/slide", "turn", "lift", "slide", "tip", "weld", "foot", "stand"):
+    for old in (
+        "bare",
+        "base",
+        "mast",
+        "boom",
+        "ns/slide",
+        "turn",
+        "lift",
+        "slide",
+        "tip",
+        "weld",
+        "foot",
+        "stand",
+    ):
         text = text.replace(f'"{old}"', quoteattr(f"{old} {name}"))
     path = tmp_path / "evil.urdf"
     path.write_text(text, encoding="utf-8")
     rig = replace(Rig.load(path), payload=name)
-    plain, evil = (view.record(one, replace(sweep(one), name=of)) for one, of in ((lumped, "sweep"), (rig, name)))
+    plain, evil = (
+        view.record(one, replace(sweep(one), name=of))
+        for one, of in ((lumped, "sweep"), (rig, name))
+    )
     with view.Live(rig) as live, urlopen(live.url) as answer:
         served = answer.read().decode()
-    assert elements(evil) == elements(plain) and elements(served)["script"] == elements(plain)["script"]
+    assert (
+        elements(evil) == elements(plain)
+        and elements(served)["script"] == elements(plain)["script"]
+    )
     for page in (evil, served):
         assert [one["name"] for one in recorded(page)["joints"]] == list(rig.joints)
     assert name in lxml.html.fromstring(evil).get_element_by_id("about").text_content()
@@ -538,7 +638,9 @@ def elements(page: str) -> Counter[str]:
 def test_without_chromium_pictures_say_what_to_install_and_html_works(
     lumped: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    chromium = pytest.importorskip("choreographer.browsers.chromium", reason="choreographer is not installed")
+    chromium = pytest.importorskip(
+        "choreographer.browsers.chromium", reason="choreographer is not installed"
+    )
     monkeypatch.setattr(chromium.Chromium, "find_browser", classmethod(lambda _, **__: None))
     for name in ("out.png", "out.gif"):
         with pytest.raises(UsageError, match="apt install chromium"):
@@ -555,7 +657,9 @@ def pixels(uri: str) -> np.ndarray:
     """Return a PNG data URI as (height, width, 3)."""
     from PIL import Image
 
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2]))).convert("RGB")).astype(int)
+    return np.asarray(
+        Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2]))).convert("RGB")
+    ).astype(int)
 
 
 @needs_browser
@@ -564,7 +668,10 @@ def test_a_browser_without_webgl_says_so(tmp_path: Path) -> None:
     path = tmp_path / "out.html"
     rig = Rig.load("turret")
     path.write_text(view.record(rig, sweep(rig)).replace("<head>", blind, 1), encoding="utf-8")
-    assert "it has no WebGL" in visit(path.as_uri(), "document.getElementById('meshcat-pane').textContent").values[0]
+    assert (
+        "it has no WebGL"
+        in visit(path.as_uri(), "document.getElementById('meshcat-pane').textContent").values[0]
+    )
 
 
 COUNTED = """<head><script>{
@@ -576,7 +683,9 @@ COUNTED = """<head><script>{
 
 
 @needs_browser
-def test_a_scene_runs_only_while_it_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_runs_only_while_it_is_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Folded, scrolled away or folded again it draws no frame, and a folded one says nothing on the console."""
     rig = Rig.load("thesis")
     said = list[str]()
@@ -585,9 +694,13 @@ def test_a_scene_runs_only_while_it_is_seen(tmp_path: Path, monkeypatch: pytest.
         said.append(str(event["params"])[:200])
 
     monkeypatch.setattr("tests.browsing.Visit.complain", hear)
-    frame = embed(view.record(rig, sweep(rig)).replace("<head>", COUNTED, 1), "scene", "scene", "run")
+    frame = embed(
+        view.record(rig, sweep(rig)).replace("<head>", COUNTED, 1), "scene", "scene", "run"
+    )
     path = tmp_path / "page.html"
-    path.write_text(f"<!DOCTYPE html><details><summary>scene</summary>{frame}</details><p style='height: 3000px'></p>")
+    path.write_text(
+        f"<!DOCTYPE html><details><summary>scene</summary>{frame}</details><p style='height: 3000px'></p>"
+    )
     frames = "document.querySelector('iframe').contentWindow.frames"
     still = (frames, pause(0.7), frames)
     fold = "document.querySelector('details').open = {}, 0"
@@ -596,7 +709,9 @@ def test_a_scene_runs_only_while_it_is_seen(tmp_path: Path, monkeypatch: pytest.
         "scrollTo(0, 2500), 0", pause(0.5), *still, "scrollTo(0, 0), 0", pause(0.7), frames,
         fold.format("false"), pause(0.5), *still,
     )  # fmt: skip
-    never, folded, _, before, after, _, away, still_away, _, back, _, again, still_again = seen.values
+    never, folded, _, before, after, _, away, still_away, _, back, _, again, still_again = (
+        seen.values
+    )
     assert never == folded == 0 and said[: said.index("opened")] == []
     assert 0 < before < after <= away == still_away < back <= again == still_again
 
@@ -652,7 +767,8 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
         pause(0.3),
         beam + "false",
         "pictures([0.5], 320, 180)[0]",
-        beam + "true; drawn.forEach(one => Object.assign(one.material, { onBeforeCompile() {}, needsUpdate: true }))",
+        beam
+        + "true; drawn.forEach(one => Object.assign(one.material, { onBeforeCompile() {}, needsUpdate: true }))",
         "pictures([0.5], 320, 180)[0]",
         "pictures([1.3, 0.5], 320, 180)",
         "(window.heard = 0, addEventListener('message', () => window.heard++), postMessage({seek: 1}, '*'), 0)",
@@ -669,7 +785,9 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     assert len(np.unique(one.reshape(-1, 3), axis=0)) > 500  # not blank
     moved = np.abs(one - two).max(axis=2) > 24
     assert 0.02 < moved.mean() < 0.6  # the rig moves, not the whole picture
-    assert np.array_equal(pixels(values[7]), one)  # a frame is the asked instant, whatever was shown before
+    assert np.array_equal(
+        pixels(values[7]), one
+    )  # a frame is the asked instant, whatever was shown before
     data = rig.model.createData()
     stands = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # the viewer's y is up
     for at_it, row in ((at_first, 150), (at_second, 390)):
@@ -699,7 +817,9 @@ def test_no_view_burns_out_what_it_shows(name: str, tmp_path: Path) -> None:
 def test_a_picture_and_a_film_hold_the_asked_frames(
     lumped: Rig, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (gimbal-pin[video])")
+    pytest.importorskip(
+        "imageio_ffmpeg", reason="imageio-ffmpeg is not installed (gimbal-pin[video])"
+    )
     from PIL import Image, ImageSequence
 
     log = sweep(lumped, seconds=0.25)
@@ -709,12 +829,22 @@ def test_a_picture_and_a_film_hold_the_asked_frames(
     strip = recorded(view.animate(lumped, log, tmp_path / "film.gif", size=(161, 91)).page)["strip"]
     with Image.open(tmp_path / "film.gif") as film:
         assert (film.info["duration"], film.info["loop"], film.size) == (50, 0, (161, 91))
-        frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(film)]
+        frames = [
+            np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(film)
+        ]
     assert len(frames) == 6 and (np.abs(frames[-1] - frames[0]).max(axis=2) > 40).mean() > 0.01
-    error = np.degrees(log.q_ref - log.q)[[0, -1]] * [1, 1, 1e3 * np.pi / 180]  # the last one slides
+    error = np.degrees(log.q_ref - log.q)[[0, -1]] * [
+        1,
+        1,
+        1e3 * np.pi / 180,
+    ]  # the last one slides
     assert np.array(strip["curves"])[0, :, [0, -1]] == pytest.approx(error, abs=1e-5)
-    assert [strip["low"], strip["high"]] == pytest.approx([np.min(strip["curves"]), np.max(strip["curves"])], abs=1e-5)
-    cursor = [frame[82:88, 9:].sum(axis=2).mean(axis=0).argmin() for frame in frames]  # the darkest column
+    assert [strip["low"], strip["high"]] == pytest.approx(
+        [np.min(strip["curves"]), np.max(strip["curves"])], abs=1e-5
+    )
+    cursor = [
+        frame[82:88, 9:].sum(axis=2).mean(axis=0).argmin() for frame in frames
+    ]  # the darkest column
     assert np.all(np.diff(cursor) > 10)
     assert capfd.readouterr() == ("", "")
 
@@ -722,10 +852,14 @@ def test_a_picture_and_a_film_hold_the_asked_frames(
 def test_every_format_of_video_is_whole_or_not_there(
     lumped: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (gimbal-pin[video])")
+    ffmpeg = pytest.importorskip(
+        "imageio_ffmpeg", reason="imageio-ffmpeg is not installed (gimbal-pin[video])"
+    )
     from PIL import Image, ImageSequence
 
-    def paint(_: str, times: list[float], size: tuple[int, int], take: Callable[[bytes], object]) -> None:
+    def paint(
+        _: str, times: list[float], size: tuple[int, int], take: Callable[[bytes], object]
+    ) -> None:
         for seconds in times:
             picture = io.BytesIO()
             Image.new("RGB", size, (round(600 * seconds), 90, 40)).save(picture, "PNG")
@@ -739,9 +873,15 @@ def test_every_format_of_video_is_whole_or_not_there(
     for name in ("film.webp", "film.mp4"):
         view.animate(lumped, log, tmp_path / name, size=(161, 91), fps=10)
     with Image.open(tmp_path / "film.webp") as film:
-        red = [np.asarray(frame.convert("RGB"))[:, :, 0].mean() for frame in ImageSequence.Iterator(film)]
+        red = [
+            np.asarray(frame.convert("RGB"))[:, :, 0].mean()
+            for frame in ImageSequence.Iterator(film)
+        ]
         assert film.size == (161, 91) and np.allclose(red, [0, 60, 120, 150], atol=8)
-    assert ffmpeg.count_frames_and_secs(str(tmp_path / "film.mp4")) == (4, pytest.approx(0.4, abs=0.02))
+    assert ffmpeg.count_frames_and_secs(str(tmp_path / "film.mp4")) == (
+        4,
+        pytest.approx(0.4, abs=0.02),
+    )
     before = sorted(tmp_path.iterdir())
     monkeypatch.setitem(output.ENCODERS, ".webp", "-c:v no-such-codec")
     with pytest.raises(UsageError, match="no-such-codec"):
@@ -752,8 +892,12 @@ def test_every_format_of_video_is_whole_or_not_there(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_a_browser_can_be_asked_from_inside_a_running_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def paint(page: str, times: list[float], size: object, take: Callable[[bytes], object], _: object) -> None:
+def test_a_browser_can_be_asked_from_inside_a_running_event_loop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def paint(
+        page: str, times: list[float], size: object, take: Callable[[bytes], object], _: object
+    ) -> None:
         await asyncio.sleep(0)
         take(page.encode())
 

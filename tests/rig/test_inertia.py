@@ -12,7 +12,15 @@ from gimbal_pin.control import perturbed
 from gimbal_pin.dynamics import reduce_parameters
 from gimbal_pin.errors import ModelError
 from gimbal_pin.regression import find_nearest_bodies, map_phi_to_base
-from gimbal_pin.rig import Rig, bundled_rigs, is_physical, thicken_flat_body, to_pinocchio, to_urdf, urdf
+from gimbal_pin.rig import (
+    Rig,
+    bundled_rigs,
+    is_physical,
+    thicken_flat_body,
+    to_pinocchio,
+    to_urdf,
+    urdf,
+)
 from tests.rigs import VARIETY, taken_by_all
 
 
@@ -21,7 +29,10 @@ def body(seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     mass = rng.uniform(0.1, 1.0, 10)
     at = 0.2 * rng.standard_normal((10, 3))
-    whole = sum((pin.Inertia(m, x, np.zeros((3, 3))).toDynamicParameters() for m, x in zip(mass, at)), np.zeros(10))
+    whole = sum(
+        (pin.Inertia(m, x, np.zeros((3, 3))).toDynamicParameters() for m, x in zip(mass, at)),
+        np.zeros(10),
+    )
     return np.array(whole)
 
 
@@ -69,7 +80,11 @@ def test_the_urdf_lumps_to_what_was_identified(name: str, payload: str) -> None:
 
     def outline(source: str) -> list[tuple[str, tuple[tuple[str, str], ...]]]:
         tree = urdf.parse_robot(source, "outline")
-        kept = [e for e in tree.iter() if not any(up.tag == "inertial" for up in (e, *e.iterancestors()))]
+        kept = [
+            e
+            for e in tree.iter()
+            if not any(up.tag == "inertial" for up in (e, *e.iterancestors()))
+        ]
         return [(str(e.tag), tuple(e.attrib.items())) for e in kept]
 
     assert outline(text) == outline(rig.urdf)

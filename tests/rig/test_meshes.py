@@ -15,7 +15,9 @@ from gimbal_pin.rig import Mesh, encode_stl, find_meshes, meshes
 SECRET = "root:x:0:0:nobody reads this"
 KINDS = ("stl", "stl_ascii", "obj", "ply", "off", "dae", "glb")
 BOX = trimesh.creation.box((0.2, 0.4, 0.6))
-COLLADA = "<COLLADA xmlns='http://www.collada.org/2005/11/COLLADASchema' version='1.4.1'>{}</COLLADA>"
+COLLADA = (
+    "<COLLADA xmlns='http://www.collada.org/2005/11/COLLADASchema' version='1.4.1'>{}</COLLADA>"
+)
 SCENE = "<library_visual_scenes><visual_scene id='s'>{}</visual_scene></library_visual_scenes>"
 SCENE += "<scene><instance_visual_scene url='#s'/></scene>"
 
@@ -31,7 +33,8 @@ def busy() -> str:
     twice = "<node id='n{0}'><instance_node url='#n{1}'/><instance_node url='#n{1}'/></node>"
     nodes = "".join(twice.format(k, k + 1) for k in range(40)) + "<node id='n40'/>"
     return COLLADA.format(
-        f"<library_nodes>{nodes}</library_nodes>" + SCENE.format("<node><instance_node url='#n0'/></node>")
+        f"<library_nodes>{nodes}</library_nodes>"
+        + SCENE.format("<node><instance_node url='#n0'/></node>")
     )
 
 
@@ -43,11 +46,15 @@ def mutated(folder: Path) -> Iterator[str]:
             content = np.frombuffer(exported(kind), np.uint8).copy()
             content[rng.integers(0, len(content), 3)] = rng.integers(0, 256, 3)
             name = f"{kind}{k}.{kind.partition('_')[0]}"
-            (folder / name).write_bytes(content[: rng.integers(1, len(content)) if k % 2 else None].tobytes())
+            (folder / name).write_bytes(
+                content[: rng.integers(1, len(content)) if k % 2 else None].tobytes()
+            )
             yield name
 
 
-def test_every_usual_format_and_name_is_read_and_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_usual_format_and_name_is_read_and_written_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("trimesh", "numpy", "resource"):  # what stands in the working directory is not run
         (tmp_path / f"{name}.py").write_text("raise SystemExit")
     monkeypatch.chdir(tmp_path)
@@ -62,7 +69,10 @@ def test_every_usual_format_and_name_is_read_and_written_again(tmp_path: Path, m
     found = find_meshes([*names, "../../meshes/LINK.STL"], tmp_path / "robot" / "urdf")
     for name, mesh in found.items():
         assert isinstance(mesh, Mesh), f"{name} {mesh}"
-        for again in (mesh, trimesh.load_mesh(trimesh.util.wrap_as_stream(encode_stl(mesh)), file_type="stl")):
+        for again in (
+            mesh,
+            trimesh.load_mesh(trimesh.util.wrap_as_stream(encode_stl(mesh)), file_type="stl"),
+        ):
             solid = trimesh.Trimesh(again.vertices, again.faces)
             assert np.allclose(np.sort(solid.bounds, axis=0), BOX.bounds, atol=1e-7)
             assert solid.volume == pytest.approx(BOX.volume, rel=1e-6)
@@ -73,7 +83,9 @@ def test_what_is_no_mesh_harms_nothing_and_tells_nothing(
 ) -> None:
     monkeypatch.setattr(meshes, "READER_SECONDS", 2)  # of which loading trimesh takes one
     (tmp_path / "secret").write_text(SECRET)
-    outside = f"<!DOCTYPE C [<!ENTITY e SYSTEM 'file://{tmp_path}/secret'>]>" + COLLADA.format("&e;")
+    outside = f"<!DOCTYPE C [<!ENTITY e SYSTEM 'file://{tmp_path}/secret'>]>" + COLLADA.format(
+        "&e;"
+    )
     laughs = "".join(f"<!ENTITY l{k + 1} '{f'&l{k};' * 10}'>" for k in range(12))
     plain = {
         "far.obj": f"mtllib {tmp_path}/pipe.stl\nmtllib /dev/zero\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n",
@@ -110,8 +122,18 @@ def test_what_is_no_mesh_harms_nothing_and_tells_nothing(
     found = dict(find_meshes([*plain, *absent, *broken, "large.stl", "good.stl"], tmp_path))
     for mesh in map(found.pop, broken):
         if isinstance(mesh, Mesh):
-            assert np.isfinite(mesh.vertices).all() and mesh.vertices[mesh.faces].shape == (len(mesh.faces), 3, 3)
-    assert {name for name, mesh in found.items() if isinstance(mesh, Mesh)} == {"far.obj", "good.stl"}
+            assert np.isfinite(mesh.vertices).all() and mesh.vertices[mesh.faces].shape == (
+                len(mesh.faces),
+                3,
+                3,
+            )
+    assert {name for name, mesh in found.items() if isinstance(mesh, Mesh)} == {
+        "far.obj",
+        "good.stl",
+    }
     assert {name for name, mesh in found.items() if mesh == "is not there"} == set(absent)
-    assert {mesh for mesh in found.values() if isinstance(mesh, str)} == {"is not there", "cannot be read"}
+    assert {mesh for mesh in found.values() if isinstance(mesh, str)} == {
+        "is not there",
+        "cannot be read",
+    }
     assert capfd.readouterr() == ("", "")

@@ -20,7 +20,12 @@ OPTICAL = RIG.format(
         for link in ("imu_link", "cam_optical_frame", "tool plate")
     )
 )
-FILES = {"sdf": SENSORS.format(""), "mjcf": MUJOCO, "gears": RIG.format(TRANSMISSIONS["Drake"]), "optical": OPTICAL}
+FILES = {
+    "sdf": SENSORS.format(""),
+    "mjcf": MUJOCO,
+    "gears": RIG.format(TRANSMISSIONS["Drake"]),
+    "optical": OPTICAL,
+}
 
 
 def uncommented(text: str) -> str:
@@ -31,7 +36,9 @@ def uncommented(text: str) -> str:
 
 
 @pytest.mark.parametrize("name", [*bundled_rigs(), *sorted(FILES.keys() - {"mjcf"})])
-def test_what_it_writes_is_the_rig_and_what_it_suggests_is_understood(tmp_path: Path, run: Run, name: str) -> None:
+def test_what_it_writes_is_the_rig_and_what_it_suggests_is_understood(
+    tmp_path: Path, run: Run, name: str
+) -> None:
     source = tmp_path / f"{name}.xml" if name in FILES else name
     if name in FILES:
         (tmp_path / f"{name}.xml").write_text(FILES[name], encoding="utf-8")
@@ -53,7 +60,11 @@ def test_it_guesses_by_names_and_tags(tmp_path: Path, run: Run) -> None:
     for name, text in FILES.items():
         (tmp_path / f"{name}.xml").write_text(text, encoding="utf-8")
         found[name] = yaml.safe_load(run("new-rig", tmp_path / f"{name}.xml")[1])
-    assert (found["sdf"]["camera_frame"], found["sdf"]["optical_axis"], found["sdf"]["imus"]) == ("eye", "x", ["gyro"])
+    assert (found["sdf"]["camera_frame"], found["sdf"]["optical_axis"], found["sdf"]["imus"]) == (
+        "eye",
+        "x",
+        ["gyro"],
+    )
     assert (found["mjcf"]["camera_frame"], found["mjcf"]["imus"]) == ("eye", ["gyro"])
     assert found["gears"]["motors"]["tilt"] == {"gear_ratio": 50.0, "rotor_inertia": "2e-05"}
     optical = found["optical"]

@@ -32,7 +32,8 @@ def scale(folder: Path, rig: str, slip: str, is_everywhere: bool = False) -> tup
     loaded = bundled(rig, "cinema")
     robot = etree.fromstring((data_folder() / f"{rig}.urdf").read_bytes())
     farthest = max(
-        range(loaded.n), key=lambda j: float(np.linalg.norm(loaded.model.jointPlacements[j + 1].translation))
+        range(loaded.n),
+        key=lambda j: float(np.linalg.norm(loaded.model.jointPlacements[j + 1].translation)),
     )
     place = (loaded.links if owner == "link" else loaded.joints)[farthest]
     which = "" if is_everywhere else "[@name=$name]"
@@ -47,7 +48,9 @@ def scale(folder: Path, rig: str, slip: str, is_everywhere: bool = False) -> tup
 
 @pytest.mark.parametrize("rig", ["turret", "thesis"])
 @pytest.mark.parametrize("slip", SLIPS)
-def test_a_value_in_another_unit_is_noted_where_it_stands(slip: str, rig: str, tmp_path: Path, run: Run) -> None:
+def test_a_value_in_another_unit_is_noted_where_it_stands(
+    slip: str, rig: str, tmp_path: Path, run: Run
+) -> None:
     """`check` names the place, and so does every load."""
     path, place = scale(tmp_path, rig, slip)
     said = result(run, "check", path, "--payload", "none")["warnings"]
@@ -79,13 +82,19 @@ def test_a_travel_of_zero_is_not_stated(ends: tuple[str, str], tmp_path: Path, r
     """Motions are designed as for a joint without stops, and the YAML may state the travel."""
     text = (data_folder() / "turret.urdf").read_text()
     path = tmp_path / "rig.urdf"
-    path.write_text(re.sub(r'lower="[^"]*" upper="[^"]*"', f'lower="{ends[0]}" upper="{ends[1]}"', text))
+    path.write_text(
+        re.sub(r'lower="[^"]*" upper="[^"]*"', f'lower="{ends[0]}" upper="{ends[1]}"', text)
+    )
     rig = Rig.load(path, "none")
     assert [(limit.lower, limit.upper) for limit in rig.limits] == [(-inf, inf)] * 2
     assert sum("pan, tilt" in note for note in rig.notes) == 1
-    code, _, err = run("excite", path, "--payload", "none", "-o", tmp_path / "x.csv", "--starts", 1, "--seconds", 4)
+    code, _, err = run(
+        "excite", path, "--payload", "none", "-o", tmp_path / "x.csv", "--starts", 1, "--seconds", 4
+    )
     assert code == 0 and "pan, tilt" in err
-    (tmp_path / "rig.yaml").write_text("limits: {pan: {lower: -1, upper: 1}, tilt: {lower: -1, upper: 1}}\n")
+    (tmp_path / "rig.yaml").write_text(
+        "limits: {pan: {lower: -1, upper: 1}, tilt: {lower: -1, upper: 1}}\n"
+    )
     assert not Rig.load(path, "none").notes
 
 
@@ -104,10 +113,14 @@ def write_frames(folder: Path, inertial: str) -> tuple[Path, Path]:
     joint = '<joint name="{0}_at" type="fixed"><parent link="{1}"/><child link="{0}"/></joint>'
     plain = bundled("turret", "cinema")
     places = {"tool": plain.links[-1], "ground": plain.base}
-    added = "".join(frame.format(name) + joint.format(name, place) for name, place in places.items())
+    added = "".join(
+        frame.format(name) + joint.format(name, place) for name, place in places.items()
+    )
     path = folder / "rig.urdf"
     payload = folder / "cinema.urdf"
-    path.write_text((data_folder() / "turret.urdf").read_text().replace("</robot>", f"{added}</robot>"))
+    path.write_text(
+        (data_folder() / "turret.urdf").read_text().replace("</robot>", f"{added}</robot>")
+    )
     added = frame.format("plate") + joint.format(plain.payload_link, "plate")
     text = (data_folder() / "payloads" / "cinema.urdf").read_text()
     payload.write_text(text.replace("</robot>", f"{added}</robot>"))
@@ -115,7 +128,9 @@ def write_frames(folder: Path, inertial: str) -> tuple[Path, Path]:
 
 
 @pytest.mark.parametrize("inertial", INERTIALS.values(), ids=INERTIALS)
-def test_a_fixed_frame_without_mass_changes_nothing(inertial: str, tmp_path: Path, run: Run) -> None:
+def test_a_fixed_frame_without_mass_changes_nothing(
+    inertial: str, tmp_path: Path, run: Run
+) -> None:
     """On the base, on a link, and as the root of a payload; --mend writes a file without it, and a note names it."""
     path, payload = write_frames(tmp_path, inertial)
     rig = Rig.load(path, payload)
@@ -129,12 +144,24 @@ def test_a_fixed_frame_without_mass_changes_nothing(inertial: str, tmp_path: Pat
 def test_every_verb_loads_a_fixed_frame_without_mass(tmp_path: Path, run: Run) -> None:
     """From the check to the controller."""
     path, payload = write_frames(tmp_path, INERTIALS["a token inertia"])
-    log, model, controller = (tmp_path / name for name in ("log.csv", "model.yaml", "controller.yaml"))
+    log, model, controller = (
+        tmp_path / name for name in ("log.csv", "model.yaml", "controller.yaml")
+    )
     for call in (
         ("base", path),
         ("new-rig", path, "-o", tmp_path / "new.yaml"),
         ("simulate", path, "-o", log, "--seconds", 10, "--payload", payload),
-        ("identify", path, log, "-o", model, "--urdf", tmp_path / "found.urdf", "--payload", payload),
+        (
+            "identify",
+            path,
+            log,
+            "-o",
+            model,
+            "--urdf",
+            tmp_path / "found.urdf",
+            "--payload",
+            payload,
+        ),
         ("tune", path, model, "-o", controller, "--plants", 1, "--payload", payload),
         ("export", controller, "--mjcf", tmp_path / "m.xml", "--payload", payload),
     ):

@@ -82,7 +82,9 @@ def panda() -> str:
     masses = (4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522)
     out = ['<robot name="panda"><link name="link0"/>']
     for k, ((a, d, alpha), mass) in enumerate(zip(rows, masses), start=1):
-        place = pin.SE3(pin.rpy.rpyToMatrix(alpha, 0, 0), np.array([a, 0, 0])) * pin.SE3(np.eye(3), np.array([0, 0, d]))
+        place = pin.SE3(pin.rpy.rpyToMatrix(alpha, 0, 0), np.array([a, 0, 0])) * pin.SE3(
+            np.eye(3), np.array([0, 0, d])
+        )
         xyz = " ".join(f"{x:.17g}" for x in place.translation)
         turned = " ".join(f'{entry}="{0.01 * mass}"' for entry in ("ixx", "iyy", "izz"))
         out.append(
@@ -100,7 +102,9 @@ def rig(name: str) -> Rig:
         return spelled(panda())
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.sdf"
-        path.write_text({"px4": PX4, "ardupilot": ARDUPILOT, "handheld": HANDHELD}[name], encoding="utf-8")
+        path.write_text(
+            {"px4": PX4, "ardupilot": ARDUPILOT, "handheld": HANDHELD}[name], encoding="utf-8"
+        )
         return Rig.load(path)
 
 
@@ -117,7 +121,9 @@ def test_public_rigs_are_sound_and_known(name: str) -> None:
     q, v, a = states(own.n, 1)
     peer = rigid_bodies(urdf.parse_robot(own.urdf, name))
     ours = compute_rnea(own, q, v, a)
-    np.testing.assert_allclose(ours, torque(peer, own.joints, q, v, a), rtol=0, atol=1e-12 * np.abs(ours).max())
+    np.testing.assert_allclose(
+        ours, torque(peer, own.joints, q, v, a), rtol=0, atol=1e-12 * np.abs(ours).max()
+    )
 
 
 @pytest.mark.parametrize("name", INERTIAL)
@@ -132,7 +138,9 @@ def test_other_bodies_with_the_same_base_parameters_ask_for_the_same_torques(nam
     np.testing.assert_allclose(other, ours, rtol=0, atol=1e-9 * np.abs(ours).max())
 
 
-@pytest.mark.parametrize(("name", "way"), [("px4", [-1, 0, 0]), ("ardupilot", [0, 0, 1]), ("handheld", [1, 0, 0])])
+@pytest.mark.parametrize(
+    ("name", "way"), [("px4", [-1, 0, 0]), ("ardupilot", [0, 0, 1]), ("handheld", [1, 0, 0])]
+)
 def test_a_simulated_camera_looks_where_its_sensor_does(name: str, way: list[float]) -> None:
     """The files state angles in two and three digits."""
     own = rig(name)

@@ -103,15 +103,26 @@ def test_the_promised_rigs_and_payloads_are_there() -> None:
 
 def pseudo_inertia(body: pin.Inertia) -> np.ndarray:
     """[[Σ, h], [hᵀ, m]]: positive definite for the bodies that can exist, and for no others (Wensing 2018)."""
-    about_origin = body.inertia + body.mass * (body.lever @ body.lever * np.eye(3) - np.outer(body.lever, body.lever))
+    about_origin = body.inertia + body.mass * (
+        body.lever @ body.lever * np.eye(3) - np.outer(body.lever, body.lever)
+    )
     h = body.mass * body.lever[:, None]
-    return np.block([[np.trace(about_origin) / 2 * np.eye(3) - about_origin, h], [h.T, np.array([[body.mass]])]])
+    return np.block(
+        [[np.trace(about_origin) / 2 * np.eye(3) - about_origin, h], [h.T, np.array([[body.mass]])]]
+    )
 
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_every_bundled_combination_is_sound(name: str, payload: str) -> None:
     rig = bundled(name, payload)
-    assert rig.n == rig.model.nq == rig.model.nv == len(rig.links) == len(rig.motors) == len(rig.limits)
+    assert (
+        rig.n
+        == rig.model.nq
+        == rig.model.nv
+        == len(rig.links)
+        == len(rig.motors)
+        == len(rig.limits)
+    )
     assert (rig.name, rig.payload) == (name, payload)
     assert np.isfinite(rig.tau_max).all() and (rig.tau_max > 0).all()
     assert rig.friction.shape == (rig.n, 2) and (rig.friction > 0).all()
@@ -122,13 +133,17 @@ def test_every_bundled_combination_is_sound(name: str, payload: str) -> None:
     for body in rig.model.inertias[1:]:
         assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0
     links = urdf.list_element_names(urdf.parse_robot(rig.urdf, "rig"), "link")
-    assert {rig.camera_frame, rig.base, rig.payload_link, *rig.links, *rig.config.imus} <= set(links)
+    assert {rig.camera_frame, rig.base, rig.payload_link, *rig.links, *rig.config.imus} <= set(
+        links
+    )
 
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_the_motors_hold_the_payload_anywhere(name: str, payload: str) -> None:
     rig = bundled(name, payload)
-    low, high = (np.array([getattr(limit, end) for limit in rig.limits]) for end in ("lower", "upper"))
+    low, high = (
+        np.array([getattr(limit, end) for limit in rig.limits]) for end in ("lower", "upper")
+    )
     q = low + np.random.default_rng(1).uniform(size=(200, rig.n)) * (high - low)
     holding = np.abs(compute_rnea(rig, q, 0 * q, 0 * q)).max(axis=0)
     assert (holding + rig.friction[:, 0] < rig.tau_max).all()
@@ -192,7 +207,9 @@ def test_continuous_joints_keep_one_angle_without_bounds(tmp_path: Path, limit: 
     assert 'type="continuous"' in rig.urdf
     q, v, a = np.random.default_rng(2).normal(size=(3, 10, 2))
     turned = q + 2 * pi * np.array([40, 0])
-    np.testing.assert_allclose(compute_rnea(rig, turned, v, a), compute_rnea(plain, q, v, a), atol=1e-11)
+    np.testing.assert_allclose(
+        compute_rnea(rig, turned, v, a), compute_rnea(plain, q, v, a), atol=1e-11
+    )
 
 
 BAD_URDF = {
@@ -201,25 +218,56 @@ BAD_URDF = {
     "mass without value": (in_two('mass value="1"', "mass"), ":6:", "<mass> has no value"),
     "mass in words": (in_two('mass value="1"', 'mass value="heavy"'), ":6:", "heavy"),
     "mass not a number": (in_two('mass value="1"', 'mass value="nan"'), ":6:", "nan"),
-    "no inertia": (in_two('<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>', ""), "arm", "no inertia"),
+    "no inertia": (
+        in_two('<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>', ""),
+        "arm",
+        "no inertia",
+    ),
     "half an inertia": (in_two(' ixy="0"', ""), ":7:", "<inertia> has no ixy"),
     "infinite inertia": (in_two('ixx="1"', 'ixx="inf"'), ":7:", "ixx='inf'"),
-    "triangle inequality": (in_head('izz="1"', 'izz="2.5"'), "head", "triangle inequality", "--mend"),
-    "not positive definite": (in_head('ixy="0"', 'ixy="1.2"'), "head", "positive definite", "--mend"),
-    "centre of mass": (in_two('xyz="0.1 0.2 0.3"', 'xyz="0.1 0.2"'), ":5:", "<origin> has xyz='0.1 0.2'", "3 finite"),
+    "triangle inequality": (
+        in_head('izz="1"', 'izz="2.5"'),
+        "head",
+        "triangle inequality",
+        "--mend",
+    ),
+    "not positive definite": (
+        in_head('ixy="0"', 'ixy="1.2"'),
+        "head",
+        "positive definite",
+        "--mend",
+    ),
+    "centre of mass": (
+        in_two('xyz="0.1 0.2 0.3"', 'xyz="0.1 0.2"'),
+        ":5:",
+        "<origin> has xyz='0.1 0.2'",
+        "3 finite",
+    ),
     "moves nothing": (in_two(LINK.format("head"), '<link name="head"/>'), "tilt", "moves no mass"),
     "loop": (in_two("</robot>", JOINT.format("back", "head", "base") + "</robot>"), "loop"),
-    "two parents": (in_two("</robot>", JOINT.format("extra", "base", "head") + "</robot>"), "head", "two parent"),
+    "two parents": (
+        in_two("</robot>", JOINT.format("extra", "base", "head") + "</robot>"),
+        "head",
+        "two parent",
+    ),
     "loop apart": (
         in_two("</robot>", LINK.format("lone") + JOINT.format("ring", "lone", "lone") + "</robot>"),
         "lone",
         "loop",
     ),
-    "two roots": (in_two("</robot>", LINK.format("island") + "</robot>"), "2 root links: base, island"),
+    "two roots": (
+        in_two("</robot>", LINK.format("island") + "</robot>"),
+        "2 root links: base, island",
+    ),
     "no movable joint": (TWO.replace('type="revolute"', 'type="fixed"'), "no movable joint"),
     "no joints": ('<robot name="x"><link name="a"/></robot>', "no movable joint"),
     "no links": ('<robot name="x"/>', "no root link"),
-    "floating": (in_two('type="revolute"', 'type="floating"'), "yaw", "floating", "revolute, continuous, prismatic"),
+    "floating": (
+        in_two('type="revolute"', 'type="floating"'),
+        "yaw",
+        "floating",
+        "revolute, continuous, prismatic",
+    ),
     "planar": (in_two('type="revolute"', 'type="planar"'), "yaw", "planar"),
     "no type": (in_two(' type="revolute"', ""), "yaw", "type None"),
     "broken XML": (TWO.replace("</robot>", ""), "not XML"),
@@ -231,22 +279,41 @@ BAD_URDF = {
     "nameless link": (in_two('<link name="base"/>', "<link/>"), ":2:", "<link> has no name"),
     "nameless robot": (in_two(' name="two"', ""), ":1:", "<robot> has no name"),
     "no parent": (in_two('<parent link="base"/>', ""), ":17:", "yaw", "nothing as parent"),
-    "misspelled child": (in_two('<child link="arm"/>', '<child link="amr"/>'), ":17:", "yaw", "'amr' as child"),
+    "misspelled child": (
+        in_two('<child link="arm"/>', '<child link="amr"/>'),
+        ":17:",
+        "yaw",
+        "'amr' as child",
+    ),
     "axis of no length": (in_two('xyz="0 0 1"', 'xyz="0 0 0"'), "yaw", "axis of zero length"),
     "axis of two numbers": (in_two('xyz="0 0 1"', 'xyz="0 1"'), ":21:", "<axis> has xyz='0 1'"),
     "axis with commas": (in_two('xyz="0 0 1"', 'xyz="0,0,1"'), ":21:", "<axis> has xyz='0,0,1'"),
-    "no limit": (in_two('<limit lower="-1.5" upper="1.5" effort="2" velocity="3"/>', ""), "yaw", "no <limit>"),
+    "no limit": (
+        in_two('<limit lower="-1.5" upper="1.5" effort="2" velocity="3"/>', ""),
+        "yaw",
+        "no <limit>",
+    ),
     "no effort": (in_two(' effort="2"', ""), ":22:", "<limit> has no effort"),
-    "limits crossed": (in_two('lower="-1.5"', 'lower="2"'), "yaw", "lower limit 2", "above upper 1.5"),
+    "limits crossed": (
+        in_two('lower="-1.5"', 'lower="2"'),
+        "yaw",
+        "lower limit 2",
+        "above upper 1.5",
+    ),
     "negative effort": (in_two('effort="2"', 'effort="-2"'), "yaw", "negative limit"),
     "negative friction": (in_two('friction="0.2"', 'friction="-0.2"'), "yaw", "negative friction"),
     "damping in words": (in_two('damping="0.1"', 'damping="little"'), ":23:", "little"),
-    "visual without shape": (in_two("<inertial>", "<visual><geometry/></visual><inertial>"), "<visual> has no shape"),
+    "visual without shape": (
+        in_two("<inertial>", "<visual><geometry/></visual><inertial>"),
+        "<visual> has no shape",
+    ),
 }
 
 
 @pytest.mark.parametrize("case", BAD_URDF)
-def test_what_is_no_rig_is_told_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str], case: str) -> None:
+def test_what_is_no_rig_is_told_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], case: str
+) -> None:
     text, *words = BAD_URDF[case]
     path = write(tmp_path, text)
     refused(lambda: Rig.load(path), str(path), *words)
@@ -259,7 +326,9 @@ def test_a_rig_that_is_not_there(name: str) -> None:
 
 
 @pytest.fixture
-def clones(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Callable[[str, str | None], str]], None]]:
+def clones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> Iterator[Callable[[Callable[[str, str | None], str]], None]]:
     """Puts a function in the place of what clones a repository for robot_descriptions; its own modules are kept."""
     pytest.importorskip("robot_descriptions")
     yield lambda clone: monkeypatch.setattr("robot_descriptions._cache.clone_to_cache", clone)
@@ -267,7 +336,9 @@ def clones(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Callable[[str,
         sys.modules.pop(f"robot_descriptions.{name}", None)
 
 
-def test_a_robot_of_robot_descriptions_is_loaded_by_its_name(tmp_path: Path, clones: Callable[..., None]) -> None:
+def test_a_robot_of_robot_descriptions_is_loaded_by_its_name(
+    tmp_path: Path, clones: Callable[..., None]
+) -> None:
     """The package's own module, which finds its clone here: the download is not tried. A YAML may name it, too."""
     place = tmp_path / "robots" / "panda_description" / "urdf"
     place.mkdir(parents=True)
@@ -289,7 +360,12 @@ def test_a_robot_that_cannot_be_had_is_told_with_the_reason(
 
     refused(lambda: Rig.load("nowhere_description"), "robot_descriptions has none of that name")
     clones(clone)
-    refused(lambda: Rig.load("panda_description"), "panda_description", "cannot be fetched", "Could not resolve host")
+    refused(
+        lambda: Rig.load("panda_description"),
+        "panda_description",
+        "cannot be fetched",
+        "Could not resolve host",
+    )
     clones(lambda name, commit: "/nowhere")
     refused(lambda: Rig.load("fr3_description"), "xacro alone")
     monkeypatch.setattr("gimbal_pin.rig.files.find_spec", lambda name: None)
@@ -308,8 +384,12 @@ def test_payloads_that_cannot_be_mounted(tmp_path: Path) -> None:
     refused(lambda: Rig.load("thesis", "canon"), "canon: is neither", *bundled_payloads())
     refused(lambda: Rig.load(path, "cinema"), str(path), "no link 'camera_mount'", "mount:")
     write(tmp_path, "mount: head", "two.yaml")
-    refused(lambda: Rig.load(path, path), str(path), "both have a link 'arm'", "name the rig without it")
-    weightless = f'<robot name="p">\n{LINK.format("p")}</robot>'.replace("<mass value=", "<mass worth=")
+    refused(
+        lambda: Rig.load(path, path), str(path), "both have a link 'arm'", "name the rig without it"
+    )
+    weightless = f'<robot name="p">\n{LINK.format("p")}</robot>'.replace(
+        "<mass value=", "<mass worth="
+    )
     part = write(tmp_path, weightless, "p.urdf")
     refused(lambda: Rig.load(path, part), f"{part}:5:", "<mass> has no value")
 
@@ -348,7 +428,9 @@ def test_a_yaml_overlays_a_bundled_rig_and_keeps_the_rest(tmp_path: Path) -> Non
     )
     assert (rig.motors[0], rig.motors[2]) == (base.motors[0], base.motors[2])
     assert rig.limits[2].upper == 0.9 and rig.limits[2].acceleration == base.limits[2].acceleration
-    assert rig.limits[0].velocity == 1.1 and rig.limits[0].acceleration == base.limits[0].acceleration
+    assert (
+        rig.limits[0].velocity == 1.1 and rig.limits[0].acceleration == base.limits[0].acceleration
+    )
     assert rig.limits[1] == base.limits[1]
 
 
@@ -361,15 +443,33 @@ def test_an_empty_overlay_changes_nothing(tmp_path: Path) -> None:
 
 
 def test_overlays_stack(tmp_path: Path) -> None:
-    write(tmp_path, "urdf: turret\nmotors: {pan: {tau_max: 1}}\nlimits: {pan: {velocity: 1}}", "one.yaml")
-    path = write(tmp_path, "urdf: one.yaml\nmotors: {pan: {slots: 12}}\nlimits: {pan: {upper: 1}}", "two.yaml")
+    write(
+        tmp_path,
+        "urdf: turret\nmotors: {pan: {tau_max: 1}}\nlimits: {pan: {velocity: 1}}",
+        "one.yaml",
+    )
+    path = write(
+        tmp_path,
+        "urdf: one.yaml\nmotors: {pan: {slots: 12}}\nlimits: {pan: {upper: 1}}",
+        "two.yaml",
+    )
     rig = Rig.load(path)
     base = bundled("turret")
-    assert (rig.motors[0].tau_max, rig.motors[0].slots, rig.motors[0].poles) == (1, 12, base.motors[0].poles)
-    assert (rig.limits[0].velocity, rig.limits[0].upper, rig.limits[0].lower) == (1, 1, base.limits[0].lower)
+    assert (rig.motors[0].tau_max, rig.motors[0].slots, rig.motors[0].poles) == (
+        1,
+        12,
+        base.motors[0].poles,
+    )
+    assert (rig.limits[0].velocity, rig.limits[0].upper, rig.limits[0].lower) == (
+        1,
+        1,
+        base.limits[0].lower,
+    )
 
 
-def test_paths_in_a_yaml_are_relative_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paths_in_a_yaml_are_relative_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = tmp_path / "rigs"
     folder.mkdir()
     write(folder, TWO, "body.urdf")
@@ -411,9 +511,13 @@ LIMIT = st.fixed_dictionaries(
 
 
 @given(MOTOR, LIMIT)
-def test_numbers_in_a_yaml_arrive_as_written(tmp_path: Path, motor: dict[str, float], limit: dict[str, float]) -> None:
+def test_numbers_in_a_yaml_arrive_as_written(
+    tmp_path: Path, motor: dict[str, float], limit: dict[str, float]
+) -> None:
     write(tmp_path, TWO)
-    path = write(tmp_path, yaml.safe_dump({"motors": {"tilt": motor}, "limits": {"tilt": limit}}), "two.yaml")
+    path = write(
+        tmp_path, yaml.safe_dump({"motors": {"tilt": motor}, "limits": {"tilt": limit}}), "two.yaml"
+    )
     rig = Rig.load(path)
     assert rig.motors == (Motor(), Motor(**motor))
     urdf_limits = {field.name: getattr(rig.limits[0], field.name) for field in fields(Limits)}
@@ -431,8 +535,18 @@ def test_a_limit_beyond_all_is_none(tmp_path: Path, size: float) -> None:
 
 BAD_YAML = {
     "unknown key": ("motor: {}", "unknown key 'motor'", "motors"),
-    "unknown key of a motor": ("motors: {yaw: {tau: 3}}", "motors.yaw", "unknown key 'tau'", "tau_max"),
-    "unknown key of a limit": ("limits: {yaw: {top: 3}}", "limits.yaw", "unknown key 'top'", "upper"),
+    "unknown key of a motor": (
+        "motors: {yaw: {tau: 3}}",
+        "motors.yaw",
+        "unknown key 'tau'",
+        "tau_max",
+    ),
+    "unknown key of a limit": (
+        "limits: {yaw: {top: 3}}",
+        "limits.yaw",
+        "unknown key 'top'",
+        "upper",
+    ),
     "unknown key of the noise": ("noise: {gyros: 1}", "noise", "unknown key 'gyros'"),
     "unknown joint with a motor": ("motors: {jaw: {tau_max: 3}}", "joint 'jaw'", "yaw, tilt"),
     "unknown joint with a limit": ("limits: {jaw: {upper: 3}}", "joint 'jaw'", "yaw, tilt"),
@@ -440,9 +554,17 @@ BAD_YAML = {
     "unknown camera link": ("camera_frame: nose", "link 'nose'", "base, arm, head"),
     "torque in words": ("motors: {yaw: {tau_max: strong}}", "motors.yaw", "strong"),
     "a torque of zero": ("motors: {yaw: {tau_max: 0}}", "motors.yaw.tau_max", "is 0"),
-    "a torque that is a truth": ("motors: {yaw: {tau_max: true}}", "motors.yaw.tau_max", "no number"),
+    "a torque that is a truth": (
+        "motors: {yaw: {tau_max: true}}",
+        "motors.yaw.tau_max",
+        "no number",
+    ),
     "no constant": ("motors: {yaw: {torque_constant: 0}}", "motors.yaw.torque_constant", "is 0"),
-    "an encoder finer than numbers": ("motors: {yaw: {encoder_bits: 5000}}", "motors.yaw.encoder_bits", "1 to 52"),
+    "an encoder finer than numbers": (
+        "motors: {yaw: {encoder_bits: 5000}}",
+        "motors.yaw.encoder_bits",
+        "1 to 52",
+    ),
     "a motor all of poles": ("motors: {yaw: {poles: 1e12}}", "motors.yaw.poles", "2 to 1000"),
     "a speed of zero": ("limits: {yaw: {velocity: 0}}", "limits.yaw.velocity", "is 0"),
     "noise without end": ("noise: {gyro: .inf}", "noise.gyro", "is inf"),
@@ -529,17 +651,32 @@ def test_what_no_torque_shows_is_said_and_changes_none(tmp_path: Path) -> None:
     """A link at rest, one that weighs nothing, one that turns one way only, and one whose sum with others is sound."""
     at_rest = LINK.format("base").replace(INERTIA, NO_BODY)
     ballast = LINK.format("ballast").replace(INERTIA, INERTIA.replace('="1"', '="9"'))
-    tip = LINK.format("tip").replace(INERTIA, NO_BODY).replace('<mass value="1"/>', '<mass value="0.01"/>')
-    mark = '<link name="mark"><inertial><mass value="0"/>' + INERTIA.replace('"1"', '"0"') + "</inertial></link>"
+    tip = (
+        LINK.format("tip")
+        .replace(INERTIA, NO_BODY)
+        .replace('<mass value="1"/>', '<mass value="0.01"/>')
+    )
+    mark = (
+        '<link name="mark"><inertial><mass value="0"/>'
+        + INERTIA.replace('"1"', '"0"')
+        + "</inertial></link>"
+    )
     fixed = "".join(
         f'<joint name="to_{link}" type="fixed"><parent link="head"/><child link="{link}"/></joint>'
         for link in ("ballast", "tip", "mark")
     )
-    text = in_two('<link name="base"/>', at_rest).replace("</robot>", ballast + tip + mark + fixed + "</robot>")
+    text = in_two('<link name="base"/>', at_rest).replace(
+        "</robot>", ballast + tip + mark + fixed + "</robot>"
+    )
     text = text.replace(LINK.format("arm"), LINK.format("arm").replace(INERTIA, NO_BODY))
     rig = Rig.load(write(tmp_path, text))
     np.testing.assert_allclose(torques(rig), stated(text), rtol=1e-9, atol=1e-9)
-    for link, words in (("mark", "no mass"), ("base", "no joint moves"), ("arm", "is kept"), ("tip", "their sum")):
+    for link, words in (
+        ("mark", "no mass"),
+        ("base", "no joint moves"),
+        ("arm", "is kept"),
+        ("tip", "their sum"),
+    ):
         assert sum(link in note and words in note for note in rig.notes) == 1
     assert len(rig.notes) == 4
     for body in rig.model.inertias[1:]:
@@ -567,12 +704,15 @@ def test_the_nearest_inertia_is_some_bodys_and_none_is_nearer(entries: list[floa
     inertia[np.tril_indices(3)] = entries
     inertia = inertia + np.tril(inertia, -1).T
     found = find_nearest_inertia(1.0, inertia)
-    moments = lambda x: np.trace(x) / 2 * np.eye(3) - x
+
+    def moments(x):
+        return np.trace(x) / 2 * np.eye(3) - x
+
     small, middle, large = np.linalg.eigvalsh(found)
     assert small > 0 and small + middle > large
-    if describe_broken_rule(inertia) is None and np.linalg.eigvalsh(moments(inertia))[0] > 1e-5 * np.trace(
-        moments(inertia)
-    ):
+    if describe_broken_rule(inertia) is None and np.linalg.eigvalsh(moments(inertia))[
+        0
+    ] > 1e-5 * np.trace(moments(inertia)):
         np.testing.assert_allclose(found, inertia, atol=1e-12)
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -583,7 +723,9 @@ def test_the_nearest_inertia_is_some_bodys_and_none_is_nearer(entries: list[floa
 
 
 def test_the_root_world_need_not_be_declared(tmp_path: Path) -> None:
-    weld = '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint></robot>'
+    weld = (
+        '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint></robot>'
+    )
     rig = Rig.load(write(tmp_path, in_two("</robot>", weld)))
     assert rig.base == "world"
     np.testing.assert_array_equal(rig.phi, Rig.load(write(tmp_path, TWO, "plain.urdf")).phi)
@@ -591,23 +733,46 @@ def test_the_root_world_need_not_be_declared(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
 def test_a_joint_that_mimics_is_held_at_its_offset(tmp_path: Path, kind: str) -> None:
-    mimics = in_head('type="revolute">', f'type="{kind}"><mimic joint="yaw" multiplier="2" offset="0.3"/>')
+    mimics = in_head(
+        'type="revolute">', f'type="{kind}"><mimic joint="yaw" multiplier="2" offset="0.3"/>'
+    )
     rig = Rig.load(write(tmp_path, mimics))
     free = Rig.load(write(tmp_path, mimics.replace("<mimic", "<x"), "free.urdf"))
     q, v, a = (np.random.default_rng(4).normal(size=(10, 2)) * [1, 0] + [0, c] for c in (0.3, 0, 0))
     np.testing.assert_allclose(
-        compute_rnea(rig, q[:, :1], v[:, :1], a[:, :1])[:, 0], compute_rnea(free, q, v, a)[:, 0], atol=1e-12
+        compute_rnea(rig, q[:, :1], v[:, :1], a[:, :1])[:, 0],
+        compute_rnea(free, q, v, a)[:, 0],
+        atol=1e-12,
     )
     assert rig.joints == ("yaw",) and "mimics" in rig.notes[0] and "tilt (yaw)" in rig.notes[0]
 
 
 # --- nothing else comes out -----------------------------------------------------------------------------------------
 
-WORDS = ["", " ", "0", "-1", "1", "nan", "inf", "1e999", "x", "0 0", "0 0 0", "1 0 0", "0 0 1 1", "arm", "yaw", "fixed"]
+WORDS = [
+    "",
+    " ",
+    "0",
+    "-1",
+    "1",
+    "nan",
+    "inf",
+    "1e999",
+    "x",
+    "0 0",
+    "0 0 0",
+    "1 0 0",
+    "0 0 1 1",
+    "arm",
+    "yaw",
+    "fixed",
+]
 
 
 def elements(robot: etree._Element) -> list[etree._Element]:
-    return [element for element in robot.iter() if isinstance(element.tag, str) and element is not robot]
+    return [
+        element for element in robot.iter() if isinstance(element.tag, str) and element is not robot
+    ]
 
 
 @st.composite
@@ -616,7 +781,9 @@ def broken(draw: st.DrawFn) -> str:
     robot = etree.fromstring(TWO)
     for _ in range(draw(st.integers(1, 2))):
         element = draw(st.sampled_from(elements(robot)))
-        what = draw(st.sampled_from(["attribute", "attribute", "remove attribute", "remove", "double"]))
+        what = draw(
+            st.sampled_from(["attribute", "attribute", "remove attribute", "remove", "double"])
+        )
         if what == "remove":
             element.getparent().remove(element)
         elif what == "double":
@@ -649,7 +816,9 @@ def test_a_broken_urdf_is_refused_or_is_a_rig_that_can_move(tmp_path: Path, text
 
 
 VALUE = st.recursive(
-    st.one_of(st.none(), st.booleans(), st.integers(-5, 5), st.floats(), st.text("ab1.-", max_size=4)),
+    st.one_of(
+        st.none(), st.booleans(), st.integers(-5, 5), st.floats(), st.text("ab1.-", max_size=4)
+    ),
     lambda inner: st.one_of(
         st.lists(inner, max_size=2),
         st.dictionaries(st.sampled_from(["yaw", "tilt", "tau_max", "lower", "gyro"]), inner),
@@ -658,7 +827,12 @@ VALUE = st.recursive(
 )
 
 
-@given(st.sampled_from(["motors", "limits", "imus", "noise", "urdf", "payload", "mount", "inertia", "x"]), VALUE)
+@given(
+    st.sampled_from(
+        ["motors", "limits", "imus", "noise", "urdf", "payload", "mount", "inertia", "x"]
+    ),
+    VALUE,
+)
 def test_any_value_in_a_yaml_is_used_or_refused(tmp_path: Path, key: str, value: object) -> None:
     write(tmp_path, TWO)
     path = write(tmp_path, yaml.safe_dump({key: value}), "two.yaml")
@@ -728,8 +902,12 @@ def test_writing_what_is_there_changes_no_torque() -> None:
     """`inertials` turns each body to its link's axes, which `with_inertials` writes: the same rig."""
     for text in (TAGGED, bundled("thesis").urdf):
         again = urdf.replace_inertials(text, urdf.read_inertials(text))
-        for ours, theirs in zip(pin.buildModelFromXML(again).inertias, pin.buildModelFromXML(text).inertias):
-            np.testing.assert_allclose(ours.toDynamicParameters(), theirs.toDynamicParameters(), atol=1e-14)
+        for ours, theirs in zip(
+            pin.buildModelFromXML(again).inertias, pin.buildModelFromXML(text).inertias
+        ):
+            np.testing.assert_allclose(
+                ours.toDynamicParameters(), theirs.toDynamicParameters(), atol=1e-14
+            )
 
 
 def test_a_link_without_inertial_is_given_one() -> None:

@@ -54,7 +54,18 @@ def parts(seed: int) -> list[Part]:
         place = pose(rng)
         at = 0.1 * rng.normal(size=3)
         mass = rng.uniform(0.1, 2)
-        out.append(Part(int(rng.integers(-1, k)) if k else -1, kind, place, at, axis, mass, pose(rng), inertia))
+        out.append(
+            Part(
+                int(rng.integers(-1, k)) if k else -1,
+                kind,
+                place,
+                at,
+                axis,
+                mass,
+                pose(rng),
+                inertia,
+            )
+        )
     return out
 
 
@@ -78,7 +89,11 @@ def as_urdf(tree: list[Part]) -> str:
         own = pin.SE3(np.eye(3), -part.anchor) * part.own
         inertia = " ".join(f'{key}="{value}"' for key, value in entries(part.inertia).items())
         parent = frames[part.parent] if part.parent >= 0 else pin.SE3.Identity()
-        limit = "" if part.kind == "continuous" else '<limit lower="-2" upper="2" effort="5" velocity="3"/>'
+        limit = (
+            ""
+            if part.kind == "continuous"
+            else '<limit lower="-2" upper="2" effort="5" velocity="3"/>'
+        )
         out.append(
             f'<link name="l{k}"><inertial><origin {xyz_rpy(own)}/><mass value="{numbers(part.mass)}"/>'
             f'<inertia {inertia}/></inertial></link><joint name="j{k}" type="{part.kind}">'
@@ -93,8 +108,12 @@ def as_sdf(tree: list[Part], version: str = "1.9") -> str:
 
     Before 1.5 axes are stated in the model's axes.
     """
-    massless = "<inertial><mass>0</mass><inertia><ixx>0</ixx><iyy>0</iyy><izz>0</izz></inertia></inertial>"
-    out = [f'<sdf version="{version}"><model name="tree"><pose>1 2 3 0 0 1</pose><link name="base">{massless}</link>']
+    massless = (
+        "<inertial><mass>0</mass><inertia><ixx>0</ixx><iyy>0</iyy><izz>0</izz></inertia></inertial>"
+    )
+    out = [
+        f'<sdf version="{version}"><model name="tree"><pose>1 2 3 0 0 1</pose><link name="base">{massless}</link>'
+    ]
     for k, part in enumerate(tree):
         by = ""
         at = part.pose
@@ -117,7 +136,9 @@ def as_sdf(tree: list[Part], version: str = "1.9") -> str:
         inertia = "".join(f"<{key}>{value}</{key}>" for key, value in entries(part.inertia).items())
         own = f"{numbers(part.own.translation)} {numbers(pin.rpy.matrixToRpy(part.own.rotation))}"
         limit = (
-            "" if part.kind == "continuous" else "<limit><lower>-2</lower><upper>2</upper><effort>5</effort></limit>"
+            ""
+            if part.kind == "continuous"
+            else "<limit><lower>-2</lower><upper>2</upper><effort>5</effort></limit>"
         )
         out.append(
             f'<link name="l{k}">{where}<inertial><pose>{own}</pose><mass>{numbers(part.mass)}</mass>'
@@ -194,16 +215,26 @@ def test_one_rig_in_every_format_asks_for_the_same_torques(tmp_path: Path, seed:
         assert sorted(rig.joints) == ["j0", "j1", "j2", "j3", "j4"]
         np.testing.assert_allclose(torques(rig), expected, rtol=0, atol=1e-12 * scale)
         lower = {joint: limit.lower for joint, limit in zip(rig.joints, rig.limits)}
-        assert lower == {f"j{k}": -np.inf if part.kind == "continuous" else -2 for k, part in enumerate(tree)}
+        assert lower == {
+            f"j{k}": -np.inf if part.kind == "continuous" else -2 for k, part in enumerate(tree)
+        }
 
 
 def test_files_are_known_by_what_is_in_them(tmp_path: Path) -> None:
     """Under one suffix, three formats; MJCF on a floating base; xacro with an argument from the rig's YAML."""
     tree = parts(7)
     expected = torques(spelled(as_urdf(tree)))
-    for name, text in (("sdf", as_sdf(tree)), ("mjcf", as_mjcf(tree, free=True)), ("xacro", as_xacro(tree))):
+    for name, text in (
+        ("sdf", as_sdf(tree)),
+        ("mjcf", as_mjcf(tree, free=True)),
+        ("xacro", as_xacro(tree)),
+    ):
         path = written(tmp_path, f"{name}.xml", text)
-        written(tmp_path, f"{name}.yaml", "xacro: {prefix: l}\n" if name == "xacro" else f"urdf: {name}.xml\n")
+        written(
+            tmp_path,
+            f"{name}.yaml",
+            "xacro: {prefix: l}\n" if name == "xacro" else f"urdf: {name}.xml\n",
+        )
         rig = Rig.load(path if name == "mjcf" else tmp_path / f"{name}.yaml")
         np.testing.assert_allclose(torques(rig), expected, rtol=0, atol=1e-11)
         assert "l3" in rig.links
@@ -214,7 +245,10 @@ def test_a_xacro_package_is_a_folder_above(tmp_path: Path) -> None:
     folder.mkdir(parents=True)
     written(folder, "parts.xacro", as_xacro(parts(8)))
     include = '<xacro:include filename="$(find arm_description)/urdf/parts.xacro"/>'
-    space, given = 'xmlns:xacro="http://www.ros.org/wiki/xacro"', '<xacro:arg name="prefix" default="l"/>'
+    space, given = (
+        'xmlns:xacro="http://www.ros.org/wiki/xacro"',
+        '<xacro:arg name="prefix" default="l"/>',
+    )
     top = f'<robot name="top" {space}>{given}{include}</robot>'
     assert Rig.load(written(folder, "top.urdf.xacro", top)).n == 5
 
@@ -261,8 +295,12 @@ def test_what_mujoco_knows_of_motors_and_sensors_is_the_rigs() -> None:
         mujoco.mj_forward(model, other)
         eye, gyro = (data.oMf[rig.model.getFrameId(name)] for name in ("eye", "gyro"))
         np.testing.assert_allclose(eye.translation, other.cam("eye").xpos, atol=1e-12)
-        np.testing.assert_allclose(eye.rotation[:, 0], -other.cam("eye").xmat.reshape(3, 3)[:, 2], atol=1e-12)
-        np.testing.assert_allclose(eye.rotation[:, 2], other.cam("eye").xmat.reshape(3, 3)[:, 1], atol=1e-12)
+        np.testing.assert_allclose(
+            eye.rotation[:, 0], -other.cam("eye").xmat.reshape(3, 3)[:, 2], atol=1e-12
+        )
+        np.testing.assert_allclose(
+            eye.rotation[:, 2], other.cam("eye").xmat.reshape(3, 3)[:, 1], atol=1e-12
+        )
         np.testing.assert_allclose(gyro.translation, other.site("gyro").xpos, atol=1e-12)
     row = [np.array([[x]]) for x in (0.1, 0.7, 1.3)]
     bodies = compute_regressor(rig, *row) @ rig.phi
@@ -283,10 +321,14 @@ TRANSMISSIONS = {
 
 
 @pytest.mark.parametrize("kind", TRANSMISSIONS)
-def test_gears_and_rotors_come_from_transmissions_and_the_yaml_beats_them(tmp_path: Path, kind: str) -> None:
+def test_gears_and_rotors_come_from_transmissions_and_the_yaml_beats_them(
+    tmp_path: Path, kind: str
+) -> None:
     path = written(tmp_path, "r.urdf", RIG.format(TRANSMISSIONS[kind]))
     motor = Rig.load(path).motors[0]
-    assert motor.gear_ratio == 50 and motor.torque_constant == (1.0 if kind == "ROS 1" else None)  # 50 times 0.02
+    assert motor.gear_ratio == 50 and motor.torque_constant == (
+        1.0 if kind == "ROS 1" else None
+    )  # 50 times 0.02
     assert motor.armature == pytest.approx(0.05 if kind == "Drake" else 0.0)
     written(tmp_path, "r.yaml", "motors: {tilt: {rotor_inertia: 1e-4, encoder_bits: 12}}")
     motor = Rig.load(path).motors[0]
@@ -295,7 +337,9 @@ def test_gears_and_rotors_come_from_transmissions_and_the_yaml_beats_them(tmp_pa
     v = np.zeros((1, 1))
     a = np.ones((1, 1))
     rig = Rig.load(path)
-    assert nominal(rig).inverse(q, v, a) - compute_regressor(rig, q, v, a) @ rig.phi == pytest.approx(0.25)
+    assert nominal(rig).inverse(q, v, a) - compute_regressor(
+        rig, q, v, a
+    ) @ rig.phi == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize("axis", ["x", "-x", "y", "-y", "z", "-z"])
@@ -321,10 +365,14 @@ def test_a_joint_that_the_yaml_fixes_is_none(tmp_path: Path) -> None:
     assert sorted(rig.joints) == ["j0", "j2", "j4"]
     draw = np.random.default_rng(1).normal(size=(3, 8, 3))
     kept = [full.joints.index(joint) for joint in rig.joints]
-    every = [np.tile([at.get(joint, 0.0) * (k == 0) for joint in full.joints], (8, 1)) for k in range(3)]
+    every = [
+        np.tile([at.get(joint, 0.0) * (k == 0) for joint in full.joints], (8, 1)) for k in range(3)
+    ]
     for values, own in zip(every, draw):
         values[:, kept] = own
-    np.testing.assert_allclose(compute_rnea(rig, *draw), compute_rnea(full, *every)[:, kept], atol=1e-12)
+    np.testing.assert_allclose(
+        compute_rnea(rig, *draw), compute_rnea(full, *every)[:, kept], atol=1e-12
+    )
     written(tmp_path, "r.yaml", "fixed: {j9: 0}")
     with pytest.raises(RigError, match="j9"):
         Rig.load(path)
@@ -338,7 +386,11 @@ def changed(old: str, new: str) -> str:
 
 BAD = {
     "ball joint": (changed('type="revolute"', 'type="ball"'), "tilt", "ball"),
-    "include": (changed('<link name="head">', '<include><uri>x</uri></include><link name="head">'), "nests", "flatten"),
+    "include": (
+        changed('<link name="head">', '<include><uri>x</uri></include><link name="head">'),
+        "nests",
+        "flatten",
+    ),
     "nested model": (changed('<link name="head">', '<model name="m"/><link name="head">'), "nests"),
     "two models": (changed("<model", '<model name="o"/><model'), "2 models"),
     "no model": ("<sdf/>", "0 models"),
@@ -350,8 +402,14 @@ BAD = {
     "auto": (changed("<inertial>", '<inertial auto="true">'), "auto"),
     "twins": (changed('joint name="tilt"', 'joint name="head"'), "two", "head"),
     "entity": ("<!DOCTYPE sdf [<!ENTITY m '1'>]>" + SENSORS.format(""), "document type"),
-    "no mass": (changed('<link name="head"><inertial><mass>1', '<link name="head"><inertial><mass>-1'), "mass -1"),
-    "not a quaternion": (changed("<pose>0 0 1 0 0 0", '<pose rotation_format="quat_xyzw">0 0 1 0 0 0 0'), "quaternion"),
+    "no mass": (
+        changed('<link name="head"><inertial><mass>1', '<link name="head"><inertial><mass>-1'),
+        "mass -1",
+    ),
+    "not a quaternion": (
+        changed("<pose>0 0 1 0 0 0", '<pose rotation_format="quat_xyzw">0 0 1 0 0 0 0'),
+        "quaternion",
+    ),
     "MJCF that is none": ("<mujoco><wordbody/></mujoco>", "wordbody"),
     "xacro that never ends": (
         '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m" params=""><xacro:m/>'
@@ -380,7 +438,11 @@ def test_what_cannot_be_a_rig_is_told_in_one_line(tmp_path: Path, run: Run, case
     [
         ("<joint", '<joint axis="1 0 0"/><joint', "2 joints"),
         ('axis="0 1 0" pos="0 0 0.5" ref="0.4"', 'type="ball"', "ball"),
-        ("<actuator>", '<equality><weld body1="head" body2="base"/></equality><actuator>', "cut the loop"),
+        (
+            "<actuator>",
+            '<equality><weld body1="head" body2="base"/></equality><actuator>',
+            "cut the loop",
+        ),
     ],
 )
 def test_a_mujoco_model_that_no_urdf_can_say_is_refused(old: str, new: str, words: str) -> None:

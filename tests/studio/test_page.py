@@ -33,10 +33,14 @@ pytest.importorskip("nicegui")
 
 
 @contextmanager
-def served(*words: str, folder: Path, lines: int = 0) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def served(
+    *words: str, folder: Path, lines: int = 0
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A studio of these words in a folder: its process and its address. It complains in so many `lines`."""
     call = [sys.executable, "-m", "gimbal_pin.cli", "studio", *words, "--no-browser"]
-    pipes: Any = dict(stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, preexec_fn=heard)
+    pipes: Any = dict(
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, preexec_fn=heard
+    )
     with subprocess.Popen(call, **pipes) as process:
         try:
             assert process.stdout is not None and process.stderr is not None
@@ -55,7 +59,10 @@ def served(*words: str, folder: Path, lines: int = 0) -> Iterator[tuple[subproce
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a log of the turret."""
     place = tmp_path_factory.mktemp("studio")
-    write_log(bench_run(nominal(bundled("turret")), rng=np.random.default_rng(0), seconds=20.0), place / "log.csv")
+    write_log(
+        bench_run(nominal(bundled("turret")), rng=np.random.default_rng(0), seconds=20.0),
+        place / "log.csv",
+    )
     return place
 
 
@@ -76,7 +83,9 @@ def press(element: str, share: float = 0.5, to: float | None = None) -> Step:
     """Press the mouse on an element, so far along its width, and let it go there or at another share."""
 
     async def pressed(tab: Any) -> None:
-        find = f"(() => {{ const e = {element}; e.scrollIntoView({{block: 'center'}}); return e; }})()"
+        find = (
+            f"(() => {{ const e = {element}; e.scrollIntoView({{block: 'center'}}); return e; }})()"
+        )
         box = await browser.evaluate(tab, f"(({find}).getBoundingClientRect().toJSON())")
         ends = [box["left"] + x * box["width"] for x in (share, share if to is None else to)]
         moves = [
@@ -147,7 +156,11 @@ def act(name: str) -> Step:
 def test_a_person_tunes_swaps_goes_back_and_saves(folder: Path, run: Run) -> None:
     slider = "document.querySelector('[data-slider=bandwidth_hz] .q-slider__track-container')"
     camera = "[...document.querySelectorAll('button.camera')].find(one => one.innerText.trim() === 'cinema')"
-    swap = [act("swap-camera"), until(f"{camera} && {camera}.getBoundingClientRect().width > 50"), press(camera)]
+    swap = [
+        act("swap-camera"),
+        until(f"{camera} && {camera}.getBoundingClientRect().width > 50"),
+        press(camera),
+    ]
     with served("turret", "log.csv", "-o", "out", folder=folder) as (_, url):
         seen = visit(
             url, wide(1280), until(SETTLED), BANDWIDTH, TITLE, "document.querySelectorAll('canvas').length", JUDGED,
@@ -175,7 +188,10 @@ def test_a_person_tunes_swaps_goes_back_and_saves(folder: Path, run: Run) -> Non
     own = folder / "tuned.yaml"
     assert run("tune", "turret", folder / "log.csv", "-o", own, "--plants", "1")[0] == 0
     assert (folder / "out" / "controller.yaml").read_bytes() == own.read_bytes()
-    assert "<h2" in (folder / "out" / "report.html").read_text() and (folder / "out" / "run.json").is_file()
+    assert (
+        "<h2" in (folder / "out" / "report.html").read_text()
+        and (folder / "out" / "run.json").is_file()
+    )
 
 
 @needs_browser
@@ -194,7 +210,11 @@ def test_figures_sliders_and_files_belong_to_the_camera_that_is_mounted(folder: 
     shown = f"[Number({mass}.value), {end}, Number({x}.value), document.querySelector('.table').innerText]"
     other = "document.querySelector('[data-figure=other-camera]').textContent"
     camera = "[...document.querySelectorAll('button.camera')].find(one => one.innerText.trim() === 'cinema')"
-    swap = [act("swap-camera"), until(f"{camera} && {camera}.getBoundingClientRect().width > 50"), press(camera)]
+    swap = [
+        act("swap-camera"),
+        until(f"{camera} && {camera}.getBoundingClientRect().width > 50"),
+        press(camera),
+    ]
     with served("turret", "log.csv", "-o", "swapped", folder=folder) as (_, url):
         seen = visit(
             url, wide(1280), until(SETTLED), other, enter(mass, "5"), until(f"{mass}.value === '5' && {SETTLED}"),
@@ -206,11 +226,17 @@ def test_figures_sliders_and_files_belong_to_the_camera_that_is_mounted(folder: 
     rig = Rig.load("turret", "cinema")
     stated = float(get_payload(rig)[1].mass)
     assert own == "" and "infrared" in marked and "cinema" in marked and seen.complaints == []
-    assert weighs == pytest.approx(stated, rel=1e-3) and most == pytest.approx(3 * stated, rel=1e-3) and moved == 0
+    assert (
+        weighs == pytest.approx(stated, rel=1e-3)
+        and most == pytest.approx(3 * stated, rel=1e-3)
+        and moved == 0
+    )
     saved = yaml.safe_load((folder / "swapped" / "controller.yaml").read_text())
     assert saved["payload"] == "cinema"
     for joint, gains in saved["joints"].items():
-        assert f"{gains['bandwidth_hz']:.3g}" in next(line for line in table.splitlines() if line.startswith(joint))
+        assert f"{gains['bandwidth_hz']:.3g}" in next(
+            line for line in table.splitlines() if line.startswith(joint)
+        )
 
 
 @needs_browser
@@ -244,7 +270,9 @@ def load_without_connection() -> Step:
 
 @needs_browser
 def test_the_page_is_served_with_the_values_that_hold(folder: Path) -> None:
-    number, mass = (f"document.querySelector('[data-number={name}]')" for name in ("bandwidth_hz", "mass"))
+    number, mass = (
+        f"document.querySelector('[data-number={name}]')" for name in ("bandwidth_hz", "mass")
+    )
     with served("turret", "log.csv", folder=folder) as (_, url):
         seen = visit(
             url, wide(1280), until(SETTLED), enter(number, "6.5"), until(f"{BANDWIDTH} === '6.50 Hz' && {SETTLED}"),
@@ -258,7 +286,10 @@ def test_the_page_is_served_with_the_values_that_hold(folder: Path) -> None:
 @needs_browser
 def test_a_wish_that_cannot_be_is_put_back_and_the_reason_stands_beside_it(folder: Path) -> None:
     """One that is refused leaves no trace; of one that is lowered the field says what was granted."""
-    hertz, disk = (f"document.querySelector('[data-number={name}]')" for name in ("bandwidth_hz", "disk_margin"))
+    hertz, disk = (
+        f"document.querySelector('[data-number={name}]')"
+        for name in ("bandwidth_hz", "disk_margin")
+    )
     said = "document.querySelector('[data-note=disk_margin]').textContent"
     slider = "document.querySelector('[data-slider=bandwidth_hz]').ariaValueNow"
     with served("turret", folder=folder) as (_, url):
@@ -271,12 +302,19 @@ def test_a_wish_that_cannot_be_is_put_back_and_the_reason_stands_beside_it(folde
             enter(hertz, "90"), until(f"{hertz}.value !== '90'"), f"{hertz}.value",
             enter(hertz, "5"), until(f"{BANDWIDTH} === '5.00 Hz'"), NOTE,
         )  # fmt: skip
-    why, numbers, kept, is_first, lowered, shown, position, granted, gone, again, quiet = seen.values
+    why, numbers, kept, is_first, lowered, shown, position, granted, gone, again, quiet = (
+        seen.values
+    )
     assert why.startswith("disk_margin: is 1.9, and the most that any bandwidth keeps")
     assert numbers[:2] == ["8", "0.5"] and kept == "8.00 Hz" and is_first and seen.complaints == []
     assert granted == f"{granted.split()[0]} of 90.0 Hz"
-    assert lowered.startswith(f"pan, tilt: bandwidth lowered to {granted.split()[0]} Hz, as 90 Hz would leave")
-    assert float(shown) == pytest.approx(float(granted.split()[0]), rel=0.01) and float(position) == float(shown) < 40
+    assert lowered.startswith(
+        f"pan, tilt: bandwidth lowered to {granted.split()[0]} Hz, as 90 Hz would leave"
+    )
+    assert (
+        float(shown) == pytest.approx(float(granted.split()[0]), rel=0.01)
+        and float(position) == float(shown) < 40
+    )
     assert again == shown and gone == quiet == ""
 
 
@@ -333,19 +371,27 @@ TIMED = """(() => {
 @needs_browser
 def test_time_from_a_slider_to_its_figures(folder: Path, record_testsuite_property: Any) -> None:
     """Reports, in the suite's XML, and asserts nothing, of seconds."""
-    moves = [each for k in range(20) for each in (push("ArrowRight"), until(f"spent.length === {k + 1}"), pause(0.1))]
+    moves = [
+        each
+        for k in range(20)
+        for each in (push("ArrowRight"), until(f"spent.length === {k + 1}"), pause(0.1))
+    ]
     with served("turret", "log.csv", folder=folder) as (_, url):
         seen = visit(url, wide(1280), until(SETTLED), pause(3.0), TIMED, *moves, "spent", BANDWIDTH)
     _, spent, moved = seen.values
     assert float(moved.split()[0]) == pytest.approx(10.0) and seen.complaints == []
-    record_testsuite_property("slider_to_figures_ms", f"median {np.median(spent):.0f}, worst {max(spent):.0f}")
+    record_testsuite_property(
+        "slider_to_figures_ms", f"median {np.median(spent):.0f}, worst {max(spent):.0f}"
+    )
 
 
 def answer(url: str, path: str, **headers: str) -> int:
     """Return the status of what the server says to a request."""
     at = urlsplit(url)
     with closing(http.client.HTTPConnection(at.hostname or "", at.port, timeout=20)) as connection:
-        connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+        connection.request(
+            "GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()}
+        )
         return connection.getresponse().status
 
 
@@ -359,7 +405,11 @@ def test_only_this_machine_and_only_who_has_the_address(folder: Path) -> None:
         upgrade |= {"Sec_WebSocket_Version": "13", "Sec_WebSocket_Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}
         for path in ("/", "/x/", f"{own[:-2]}/", f"/x{own}", "/docs", inner.replace(own, "/x/")):
             assert answer(url, path) == 403
-        assert answer(url, own, Host="evil.example") == answer(url, own, Origin="http://evil.example") == 403
+        assert (
+            answer(url, own, Host="evil.example")
+            == answer(url, own, Origin="http://evil.example")
+            == 403
+        )
         assert answer(url, inner, **upgrade, Origin="http://evil.example") == 403
         assert answer(url, inner.replace(own, "/x/"), **upgrade) == 403
         assert listening(process.pid) == {"0100007F"}
@@ -374,8 +424,17 @@ def test_without_a_page_it_says_what_it_would_show(run: Run, folder: Path, tmp_p
     assert f"pan: kp {kp:.4g}," in out
 
 
-def test_what_is_missing_is_named(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_missing_is_named(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "controller.yaml").write_text("mine")
-    refused(run("studio", "turret", "-o", tmp_path, "--check"), 2, "holds controller.yaml", "name another folder")
+    refused(
+        run("studio", "turret", "-o", tmp_path, "--check"),
+        2,
+        "holds controller.yaml",
+        "name another folder",
+    )
     monkeypatch.setattr("gimbal_pin.studio.server.find_spec", lambda name: None)
-    refused(run("studio", "turret"), 2, "NiceGUI is not installed; pip install 'gimbal-pin[studio]'")
+    refused(
+        run("studio", "turret"), 2, "NiceGUI is not installed; pip install 'gimbal-pin[studio]'"
+    )

@@ -46,7 +46,9 @@ RIG = "turret"
 def identified() -> Subject:
     """A turret that was identified from a log of half a minute."""
     rig = bundled(RIG)
-    return prepare_subject(StudioSource(rig, (bench_run(nominal(rig), rng=np.random.default_rng(0), seconds=30.0),)))
+    return prepare_subject(
+        StudioSource(rig, (bench_run(nominal(rig), rng=np.random.default_rng(0), seconds=30.0),))
+    )
 
 
 @cache
@@ -62,7 +64,10 @@ def values(slider: Slider) -> st.SearchStrategy[float]:
 
 MOVES = st.lists(
     st.one_of(
-        *[st.tuples(st.just(name), st.none() | values(slider)) for name, slider in list_sliders().items()],
+        *[
+            st.tuples(st.just(name), st.none() | values(slider))
+            for name, slider in list_sliders().items()
+        ],
         st.tuples(st.just("off"), st.lists(st.sampled_from(["coulomb at pan", "viscous at tilt"]))),
         st.tuples(st.just("payload"), st.none() | st.just("cinema")),
         st.tuples(st.just("judged"), st.none() | st.just((1.0, 2.0))),
@@ -77,7 +82,9 @@ def test_what_was_moved_and_undone_is_as_it_was(moves: list[tuple[str, Any]]) ->
     for move in moves:
         history.append(history[-1].moved(*move))
     back = history[-1]
-    shown = [one.present for one, before in zip(history[1:], history) if one.present != before.present]
+    shown = [
+        one.present for one, before in zip(history[1:], history) if one.present != before.present
+    ]
     for state in reversed([StudioState(), *shown][:-1] if shown else []):
         back = back.undone()
         assert back.present == state
@@ -107,7 +114,9 @@ def test_what_cannot_be_is_nowhere_in_the_history() -> None:
 @pytest.mark.parametrize("name", list_sliders())
 def test_a_value_out_of_bounds_is_refused_with_the_bounds(name: str) -> None:
     slider = list_sliders()[name]
-    ends = f"{slider.factor * slider.low:g} to {slider.factor * slider.high:g} {slider.unit}".rstrip()
+    ends = (
+        f"{slider.factor * slider.low:g} to {slider.factor * slider.high:g} {slider.unit}".rstrip()
+    )
     for value in (slider.low - 1e-6, slider.high * 1.01 + 1, float("nan"), float("inf"), "1", True):
         with pytest.raises(UsageError, match=f"^{slider.label}: is .*; give {ends}"):
             StudioState().moved(name, value)
@@ -118,7 +127,9 @@ def test_a_value_out_of_bounds_is_refused_with_the_bounds(name: str) -> None:
 
 
 @pytest.mark.parametrize("subject", [identified, stated], ids=["identified", "stated"])
-@given(st.none() | st.floats(2, 30), st.none() | st.floats(0.3, 0.8), st.none() | st.floats(0, 0.004))
+@given(
+    st.none() | st.floats(2, 30), st.none() | st.floats(0.3, 0.8), st.none() | st.floats(0, 0.004)
+)
 def test_a_state_is_tuned_as_tune_does(
     subject: Any, hz: float | None, margin: float | None, delay: float | None
 ) -> None:
@@ -133,15 +144,25 @@ def test_curves_are_those_of_the_records_margins() -> None:
     """Where Nyquist's curve crosses the unit circle stands the phase margin; the answer begins as free fall."""
     tuning = tune_state(stated(), StudioState(bandwidth_hz=8.0))
     (curve,) = tuning.loop_curves
-    assert curve.joints == stated().rig.joints and curve.margins == tuning.worst[0] == tuning.margins[0]
+    assert (
+        curve.joints == stated().rig.joints
+        and curve.margins == tuning.worst[0] == tuning.margins[0]
+    )
     last = np.flatnonzero(np.abs(curve.response) >= 1)[-1]
     assert curve.frequency[last] == pytest.approx(curve.margins.crossover_hz, rel=0.05)
     phase = np.degrees(
-        np.interp(1.0, np.abs(curve.response[[last + 1, last]]), np.angle(curve.response[[last + 1, last]]))
+        np.interp(
+            1.0,
+            np.abs(curve.response[[last + 1, last]]),
+            np.angle(curve.response[[last + 1, last]]),
+        )
     )
     assert 180 + phase == pytest.approx(curve.margins.phase_margin_deg, abs=1.0)
     assert curve.margins == compute_margins(tuning.gains[0], tuning.wish.dt, tuning.wish.delay)
-    assert curve.answer[1] == pytest.approx(1e3 * curve.t[1] ** 2 / 2) and curve.answer[-1] < curve.answer.max() / 2
+    assert (
+        curve.answer[1] == pytest.approx(1e3 * curve.t[1] ** 2 / 2)
+        and curve.answer[-1] < curve.answer.max() / 2
+    )
 
 
 def test_the_residual_is_noise_until_a_cause_is_off_or_the_payload_moves() -> None:
@@ -149,7 +170,9 @@ def test_the_residual_is_noise_until_a_cause_is_off_or_the_payload_moves() -> No
     at_rest = compute_residual(subject, build_model(subject, StudioState()))
     assert at_rest is not None and at_rest.error.shape == (len(at_rest.t), subject.rig.n)
     joint = subject.rig.joints[0]
-    without = compute_residual(subject, build_model(subject, StudioState(off=(f"coulomb at {joint}",))))
+    without = compute_residual(
+        subject, build_model(subject, StudioState(off=(f"coulomb at {joint}",)))
+    )
     moved = compute_residual(subject, build_model(subject, StudioState(z=0.02)))
     assert without is not None and moved is not None
     (dry,) = (term.values[0] for term in subject.model.terms if term.effect == Coulomb(joint))
@@ -182,10 +205,14 @@ def test_untouched_it_saves_what_tune_writes(tmp_path: Path, run: Run) -> None:
     files = [tmp_path / "one.csv", tmp_path / "two.csv"]
     for seed, file in enumerate(files):
         log = bench_run(nominal(rig), rng=np.random.default_rng(seed), seconds=20.0)
-        early = np.column_stack([np.interp(log.t + 0.0024, log.t, column) for column in np.transpose(log.tau)])
+        early = np.column_stack(
+            [np.interp(log.t + 0.0024, log.t, column) for column in np.transpose(log.tau)]
+        )
         write_log(replace(log, tau=early), file)
     assert run("tune", RIG, *files, "-o", tmp_path / "tuned.yaml", "--plants", "1")[0] == 0
-    desk = Desk(StudioSource(rig, tuple(read_log(file, rig) for file in files)), tmp_path / "out", {})
+    desk = Desk(
+        StudioSource(rig, tuple(read_log(file, rig) for file in files)), tmp_path / "out", {}
+    )
     tuning = tune_state(desk.find_subject(desk.history.present), desk.history.present)
     saved = desk.save_file("controller.yaml", keep_controller(tuning, desk.folder))
     assert saved.read_bytes() == (tmp_path / "tuned.yaml").read_bytes()
@@ -199,7 +226,11 @@ def test_other_wishes_work_out_nothing_of_the_model_again(tmp_path: Path) -> Non
     desk.subjects[None, None] = subject
     (_, _, one), (_, tuning, other), (_, _, moved) = (
         desk.tune_loops(state)
-        for state in (StudioState(), StudioState(bandwidth_hz=11.0, delay=0.002), StudioState(delay=0.002, x=0.01))
+        for state in (
+            StudioState(),
+            StudioState(bandwidth_hz=11.0, delay=0.002),
+            StudioState(delay=0.002, x=0.01),
+        )
     )
     assert one is other is not moved
     asked = tune(subject.model, bandwidth_hz=11.0, delay=0.002)
@@ -217,8 +248,12 @@ def test_a_saved_controller_is_tuned_again_from_its_own_model(tmp_path: Path) ->
     assert [list(pid) for pid in again.gains] == [
         [row[k] for k in ("kp", "ki", "kd")] for row in filed["joints"].values()
     ]
-    np.testing.assert_allclose(again.inertia, [row["inertia"] for row in filed["joints"].values()], rtol=1e-9)
-    assert list_causes(found.model) == tuple(one for one in list_causes(subject.model) if one != "viscous at tilt")
+    np.testing.assert_allclose(
+        again.inertia, [row["inertia"] for row in filed["joints"].values()], rtol=1e-9
+    )
+    assert list_causes(found.model) == tuple(
+        one for one in list_causes(subject.model) if one != "viscous at tilt"
+    )
 
 
 def test_what_an_earlier_session_saved_stays(tmp_path: Path) -> None:
@@ -252,7 +287,10 @@ def test_impossible_payloads_are_refused_in_a_line_that_names_the_mend() -> None
         build_plant(bare, StudioState(mass=1.0))
     with pytest.raises(UsageError, match="judged part: leaves nothing"):
         prepare_subject(
-            StudioSource(bundled(RIG), (bench_run(nominal(bundled(RIG)), rng=np.random.default_rng(0), seconds=2.0),)),
+            StudioSource(
+                bundled(RIG),
+                (bench_run(nominal(bundled(RIG)), rng=np.random.default_rng(0), seconds=2.0),),
+            ),
             judged=(0.0, 99.0),
         )
 
@@ -263,21 +301,29 @@ def test_what_judges_does_not_train() -> None:
     log = bench_run(nominal(rig), rng=np.random.default_rng(0), seconds=30.0)
     late = (log.t - log.t[0] >= 20.0)[:, None]
     wrong = replace(log, tau=np.asarray(log.tau) + 0.3 * late)
-    one, other = (prepare_subject(StudioSource(rig, (each,)), judged=(20.0, 31.0)) for each in (log, wrong))
+    one, other = (
+        prepare_subject(StudioSource(rig, (each,)), judged=(20.0, 31.0)) for each in (log, wrong)
+    )
     np.testing.assert_array_equal(one.model.rig.phi, other.model.rig.phi)
-    small, large = (compute_residual(each, build_model(each, StudioState())) for each in (one, other))
+    small, large = (
+        compute_residual(each, build_model(each, StudioState())) for each in (one, other)
+    )
     assert small is not None and large is not None and np.all(large.rms > 3 * small.rms)
 
 
 def test_of_several_logs_any_part_judges() -> None:
     """Marked in the second of two logs, what judges is that part, and the model that of the rest in any order."""
     rig = bundled(RIG)
-    logs = tuple(bench_run(nominal(rig), rng=np.random.default_rng(seed), seconds=20.0) for seed in (0, 1))
+    logs = tuple(
+        bench_run(nominal(rig), rng=np.random.default_rng(seed), seconds=20.0) for seed in (0, 1)
+    )
     late = logs[1].t - logs[1].t[0] >= 10.0
     marked = prepare_subject(StudioSource(rig, logs), judged=(30.0, 41.0))
     alone = prepare_subject(StudioSource(rig, (logs[1].part(~late), logs[0], logs[1].part(late))))
     np.testing.assert_allclose(marked.model.rig.phi, alone.model.rig.phi, rtol=1e-6, atol=1e-9)
-    found, asked = (compute_residual(each, build_model(each, StudioState())) for each in (marked, alone))
+    found, asked = (
+        compute_residual(each, build_model(each, StudioState())) for each in (marked, alone)
+    )
     assert found is not None and asked is not None
     np.testing.assert_allclose(found.rms, asked.rms, rtol=1e-6)
 

@@ -71,7 +71,9 @@ class Law(Protocol):
     def start(self) -> Any:
         """Return the memory before the first sample."""
 
-    def torque(self, t: float, q: Array, v: Array, reference: Any, memory: Any) -> tuple[Array, Any]:
+    def torque(
+        self, t: float, q: Array, v: Array, reference: Any, memory: Any
+    ) -> tuple[Array, Any]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
 
 
@@ -92,7 +94,9 @@ class Pid(NamedTuple):
             integral: γ, speed of the integral action in shares of ω; 0: none.
         """
         w = 2 * pi * bandwidth_hz
-        return Pid((1 + 2 * damping * integral) * w**2, integral * w**3, (2 * damping + integral) * w)
+        return Pid(
+            (1 + 2 * damping * integral) * w**2, integral * w**3, (2 * damping + integral) * w
+        )
 
     @property
     def integrates(self) -> bool:
@@ -138,16 +142,22 @@ class Outer:
     def rows(self) -> tuple[tuple[float, float, float, float, float], ...]:
         """Per joint kp, ki, kd, the error at which the parabola begins, and a."""
         braking = self.braking or (inf,) * len(self.gains)
-        return tuple((kp, ki, kd, a * (kd / kp) ** 2, a) for (kp, ki, kd), a in zip(self.gains, braking))
+        return tuple(
+            (kp, ki, kd, a * (kd / kp) ** 2, a) for (kp, ki, kd), a in zip(self.gains, braking)
+        )
 
     def compute_error(self, goal: Array, q: Array) -> list[float]:
         """Return ``goal - q``, rad, modulo 2π within ± π at joints that turn without stops."""
         error = (goal - q).tolist()
         if not any(self.continuous):
             return error
-        return [remainder(e, 2 * pi) if endless else e for e, endless in zip(error, self.continuous)]
+        return [
+            remainder(e, 2 * pi) if endless else e for e, endless in zip(error, self.continuous)
+        ]
 
-    def feedback(self, error: Sequence[float], integral: Sequence[float], rate: Sequence[float]) -> list[float]:
+    def feedback(
+        self, error: Sequence[float], integral: Sequence[float], rate: Sequence[float]
+    ) -> list[float]:
         """K ξ per joint, rad/s²."""
         return [
             ki * s + kd * r + (kp * e if -knee <= e <= knee else approach(kd, e, knee, a))
@@ -155,7 +165,11 @@ class Outer:
         ]
 
     def integrated(
-        self, before: Sequence[float], after: Sequence[float], error: Sequence[float], torque: Sequence[float]
+        self,
+        before: Sequence[float],
+        after: Sequence[float],
+        error: Sequence[float],
+        torque: Sequence[float],
     ) -> tuple[float, ...]:
         """Conditional integration: not while the error drives the motor further into its limit, nor on an approach.
 
@@ -218,11 +232,16 @@ class JointPid:
         """Memory before the first sample: no integral."""
         return LawMemory((0.0,) * len(self.gains))
 
-    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory) -> tuple[Array, LawMemory]:
+    def torque(
+        self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory
+    ) -> tuple[Array, LawMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
         error = self.outer.compute_error(reference.q, q)
         rate = (reference.v - v).tolist()
         integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
-        wanted = [inertia * y for inertia, y in zip(self.inertia, self.outer.feedback(error, integral, rate))]
+        wanted = [
+            inertia * y
+            for inertia, y in zip(self.inertia, self.outer.feedback(error, integral, rate))
+        ]
         kept = self.outer.integrated(memory.integral, integral, error, wanted)
         return np.array(self.outer.clipped(wanted)), LawMemory(kept)

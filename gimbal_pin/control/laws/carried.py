@@ -95,7 +95,9 @@ class CarriedTorque:
         none = (0.0,) * len(self.gains)
         return CarriedMemory(none, none)
 
-    def torque(self, t: float, q: Array, v: Array, reference: Aim, memory: Any) -> tuple[Array, CarriedMemory]:
+    def torque(
+        self, t: float, q: Array, v: Array, reference: Aim, memory: Any
+    ) -> tuple[Array, CarriedMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
         error = self.outer.compute_error(reference.q, q)
         rate = (reference.v - v).tolist()
@@ -105,7 +107,10 @@ class CarriedTorque:
             wished = reference.ahead[0].a.tolist()
             extra = self.robust.correction(integral, error, rate, wished, feedback)
             feedback = [y + w for y, w in zip(feedback, extra)]
-        wanted = [u + self.lasting * o for u, o in zip(self.inverse(t, reference.ahead, feedback), memory.owed)]
+        wanted = [
+            u + self.lasting * o
+            for u, o in zip(self.inverse(t, reference.ahead, feedback), memory.owed)
+        ]
         kept = self.outer.integrated(memory.integral, integral, error, wanted)
         tau = self.outer.clipped(wanted)
         owed = memory.owed if tau == wanted and not any(memory.owed) else self.left(wanted, tau)
@@ -150,7 +155,11 @@ class CarriedTorque:
         if self.trusted:
             own = self.workspace.inertia(there.q)
             tau = [x if ok else m * f for x, ok, m, f in zip(tau, self.trusted, own, feedback)]
-        return [invert_drive(*pair) for pair in zip(self.model.drives, tau)] if self.model.drive else tau
+        return (
+            [invert_drive(*pair) for pair in zip(self.model.drives, tau)]
+            if self.model.drive
+            else tau
+        )
 
 
 class Workspace:
@@ -179,7 +188,9 @@ class Workspace:
         """Rigid torque with the joints accelerating by y, rad/s², N m."""
         self.angles[:], self.joints[:], self.driven[:] = there.q, there.v, y
         self.force[:], self.turning[:], self.swing[:] = there.base
-        torque: list[float] = evaluate_rnea(self.pin, self.data, self.q, self.v, self.a).tolist()[6:]
+        torque: list[float] = evaluate_rnea(self.pin, self.data, self.q, self.v, self.a).tolist()[
+            6:
+        ]
         return torque
 
     def weight(self, there: Ahead) -> list[float]:

@@ -72,7 +72,9 @@ def compute_loop_curves(
     return tuple(curves)
 
 
-def disturbance(pid: Pid, dt: float, delay: float, drive: tuple[Signal, ...]) -> tuple[Array, Array]:
+def disturbance(
+    pid: Pid, dt: float, delay: float, drive: tuple[Signal, ...]
+) -> tuple[Array, Array]:
     """Time, s, and the angle after a step of 1 rad/s² of disturbing acceleration, mrad."""
     import control
 
@@ -95,4 +97,7 @@ def compute_disk(margin: float) -> Array:
     near = (1 - margin / 2) / (1 + margin / 2)
     far = (1 + margin / 2) / (1 - margin / 2)
     angle = np.linspace(0, 2 * pi, 200)
-    return np.column_stack([np.cos(angle), np.sin(angle)]) * (far - near) / 2 - [(near + far) / 2, 0.0]
+    return np.column_stack([np.cos(angle), np.sin(angle)]) * (far - near) / 2 - [
+        (near + far) / 2,
+        0.0,
+    ]

@@ -47,9 +47,13 @@ class Robust:
         """Refuse a bound that Lyapunov redesign cannot answer."""
         if not 0 <= self.bounds.alpha < 1:
             what = f"is {self.bounds.alpha:.2g}, and Lyapunov redesign needs less than 1"
-            raise UsageError("alpha = ‖I - D⁻¹ D̂‖", what, "identify the model better, or use kind='pid'")
+            raise UsageError(
+                "alpha = ‖I - D⁻¹ D̂‖", what, "identify the model better, or use kind='pid'"
+            )
         if not self.gain > 0:
-            raise UsageError("gain of the boundary layer", f"is {self.gain:g}", "give a positive one")
+            raise UsageError(
+                "gain of the boundary layer", f"is {self.gain:g}", "give a positive one"
+            )
 
     def to_dict(self) -> dict[str, Any]:
         """Return what files hold."""
@@ -63,7 +67,9 @@ class Robust:
     def size(self, ahead: Sequence[float], feedback: Sequence[float]) -> float:
         """ρ, rad/s², for the reference's acceleration and the feedback ``K ξ``, rad/s² each."""
         alpha = self.bounds.alpha
-        return (alpha * (hypot(*ahead) + hypot(*feedback)) + self.bounds.inverse * self.bounds.phi) / (1 - alpha)
+        return (
+            alpha * (hypot(*ahead) + hypot(*feedback)) + self.bounds.inverse * self.bounds.phi
+        ) / (1 - alpha)
 
     def correction(
         self,
@@ -158,7 +164,9 @@ class ComputedTorque:
         """Memory before the first sample: no integral."""
         return LawMemory((0.0,) * len(self.gains))
 
-    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory) -> tuple[Array, LawMemory]:
+    def torque(
+        self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory
+    ) -> tuple[Array, LawMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
         error = self.outer.compute_error(reference.q, q)
         rate = (reference.v - v).tolist()
@@ -168,7 +176,10 @@ class ComputedTorque:
         ahead = self.ahead(now, memory.acceleration)
         y = [a + f for a, f in zip(ahead, feedback)]
         if self.robust is not None:
-            y = [a + w for a, w in zip(y, self.robust.correction(integral, error, rate, ahead, feedback))]
+            y = [
+                a + w
+                for a, w in zip(y, self.robust.correction(integral, error, rate, ahead, feedback))
+            ]
         sliding = [r + lead * a for r, a, lead in zip(reference.v.tolist(), now, self.leads)]
         wanted = self.inverse(t, q + np.array(self.leads) * v, v, y, sliding)
         kept = self.outer.integrated(memory.integral, integral, error, wanted)
@@ -176,9 +187,15 @@ class ComputedTorque:
 
     def ahead(self, now: Sequence[float], before: Sequence[float]) -> Sequence[float]:
         """The reference's acceleration `leads` s on, rad/s²."""
-        return [a + lead / self.dt * (a - b) for a, b, lead in zip(now, before, self.leads)] if before else now
+        return (
+            [a + lead / self.dt * (a - b) for a, b, lead in zip(now, before, self.leads)]
+            if before
+            else now
+        )
 
-    def inverse(self, t: float, q: Array, v: Array, y: Sequence[float], sliding: Sequence[float]) -> list[float]:
+    def inverse(
+        self, t: float, q: Array, v: Array, y: Sequence[float], sliding: Sequence[float]
+    ) -> list[float]:
         """Torque of the model at measured q, v, with accelerations y and terms at the rates `sliding`, N m."""
         rigid = self.rigid(q, v, y)
         still = self.still
@@ -187,15 +204,23 @@ class ComputedTorque:
         own = self.model.rig.model
         if self.model.weighed:
             weight = pin.computeGeneralizedGravity(own, self.workspace, q).tolist()
-        for terms, angle, a, rate, tau, pull in zip(self.model.by_joint, q.tolist(), y, sliding, rigid, weight):
+        for terms, angle, a, rate, tau, pull in zip(
+            self.model.by_joint, q.tolist(), y, sliding, rigid, weight
+        ):
             slide = 0.0 if -still < rate < still else (1.0 if rate > 0 else -1.0)
             at = Sample(t, angle, rate, a, slide, tau, weight=pull)
             out.append(tau + compute_added_torque(terms, at, tau))
-        return [invert_drive(*pair) for pair in zip(self.model.drives, out)] if self.model.drive else out
+        return (
+            [invert_drive(*pair) for pair in zip(self.model.drives, out)]
+            if self.model.drive
+            else out
+        )
 
     def rigid(self, q: Array, v: Array, y: Sequence[float]) -> list[float]:
         """Torque of the bodies, N m."""
-        torque: list[float] = pin.rnea(self.model.rig.model, self.workspace, q, v, np.array(y)).tolist()
+        torque: list[float] = pin.rnea(
+            self.model.rig.model, self.workspace, q, v, np.array(y)
+        ).tolist()
         return torque
 
 

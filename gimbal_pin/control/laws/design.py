@@ -12,7 +12,13 @@ import numpy as np
 from gimbal_pin.control.laws.base import Pid
 from gimbal_pin.control.laws.computed_torque import Robust, lyapunov, stiffened
 from gimbal_pin.control.laws.loop import Margins, compute_margins, find_worst_margins, smallest_disk
-from gimbal_pin.control.laws.uncertainty import VARIED, ModelErrorBounds, compute_inertia, home, sample_poses
+from gimbal_pin.control.laws.uncertainty import (
+    VARIED,
+    ModelErrorBounds,
+    compute_inertia,
+    home,
+    sample_poses,
+)
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError, digits
@@ -89,7 +95,9 @@ class Wish:
         if self.kind not in KINDS:
             raise UsageError("kind", f"is '{self.kind}'", f"use {' or '.join(KINDS)}")
         if self.robust and self.kind == "pid":
-            raise UsageError("robust", "needs a model that it could be wrong about", "use kind='computed-torque'")
+            raise UsageError(
+                "robust", "needs a model that it could be wrong about", "use kind='computed-torque'"
+            )
         positive("damping", self.damping)
         if not FASTEST <= self.dt <= SLOWEST:
             raise UsageError("dt", f"is {self.dt:g} s", f"give {FASTEST:g} to {SLOWEST:g}")
@@ -97,9 +105,13 @@ class Wish:
             mend = f"give 0 to {LONGEST_DELAY * self.dt:g}: a gimbal cannot be held with more"
             raise UsageError("delay", f"is {self.delay:g} s", mend)
         if not (isfinite(self.integral) and self.integral >= 0):
-            raise UsageError("integral", f"is {self.integral}", "give a number that is not negative")
+            raise UsageError(
+                "integral", f"is {self.integral}", "give a number that is not negative"
+            )
         if not 0 < self.disk < 2:
-            raise UsageError("disk_margin", f"is {self.disk:g}", "a disk margin lies between 0 and 2")
+            raise UsageError(
+                "disk_margin", f"is {self.disk:g}", "a disk margin lies between 0 and 2"
+            )
 
     @property
     def disk(self) -> float:
@@ -121,7 +133,9 @@ class Wish:
             rig.joint_index(joint)
         missing = [joint for joint in rig.joints if joint not in wanted]
         if missing:
-            raise UsageError("bandwidth_hz", f"has no entry for {', '.join(missing)}", "give all, or one number")
+            raise UsageError(
+                "bandwidth_hz", f"has no entry for {', '.join(missing)}", "give all, or one number"
+            )
         return tuple(positive(f"bandwidth_hz of {joint}", wanted[joint]) for joint in rig.joints)
 
     def gains(self, hz: float) -> Pid:
@@ -136,15 +150,23 @@ class Wish:
         """
         return (0.0, self.delay) if 0 < self.delay < self.dt / 2 else (self.delay,)
 
-    def margins(self, gains: Pid, ratios: Sequence[float] = (1.0,), drive: tuple[Signal, ...] = ()) -> Margins:
+    def margins(
+        self, gains: Pid, ratios: Sequence[float] = (1.0,), drive: tuple[Signal, ...] = ()
+    ) -> Margins:
         """Return the worst margins of an outer loop over the plant's gains `ratios`, with the drive's signals in it."""
         return find_worst_margins(
-            [compute_margins(gains, self.dt, late, ratio, drive) for late in self.delays for ratio in ratios]
+            [
+                compute_margins(gains, self.dt, late, ratio, drive)
+                for late in self.delays
+                for ratio in ratios
+            ]
         )
 
     def smallest(self, gains: Pid, ratios: Sequence[float], drive: tuple[Signal, ...]) -> float:
         """Return the disk margin of `margins` alone, which is quicker."""
-        return min(smallest_disk(gains, self.dt, late, tuple(ratios), drive) for late in self.delays)
+        return min(
+            smallest_disk(gains, self.dt, late, tuple(ratios), drive) for late in self.delays
+        )
 
 
 def positive(name: str, value: float) -> float:
@@ -154,7 +176,9 @@ def positive(name: str, value: float) -> float:
     return float(value)
 
 
-def seen_inertia(model: Model, kind: str) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
+def seen_inertia(
+    model: Model, kind: str
+) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
     """Return each joint's inertia at home, kg m², and nominal over true inertia: lowest, one, highest over the poses.
 
     Computed torque divides the inertia out: its ratio is one at any pose.
@@ -162,7 +186,9 @@ def seen_inertia(model: Model, kind: str) -> tuple[tuple[float, ...], tuple[tupl
     nominal = np.diagonal(compute_inertia(model, home(model.rig)[None])[0])
     if kind != "pid":
         return tuple(nominal.tolist()), ((1.0,),) * model.rig.n
-    ratios = nominal / np.diagonal(compute_inertia(model, sample_poses(model.rig, VARIED)[0]), axis1=1, axis2=2)
+    ratios = nominal / np.diagonal(
+        compute_inertia(model, sample_poses(model.rig, VARIED)[0]), axis1=1, axis2=2
+    )
     ends = zip(ratios.min(axis=0).round(6).tolist(), ratios.max(axis=0).round(6).tolist())
     return tuple(nominal.tolist()), tuple(tuple(sorted({low, 1.0, high})) for low, high in ends)
 
@@ -173,14 +199,20 @@ def braking(model: Model) -> tuple[float, ...]:
     No bound for a motor without a limit, or one that cannot even hold its load at some pose.
     """
     q = sample_poses(model.rig)[0]
-    worst_pose = (spare_torque(model, q) / np.diagonal(compute_inertia(model, q), axis1=1, axis2=2)).min(axis=0)
+    worst_pose = (
+        spare_torque(model, q) / np.diagonal(compute_inertia(model, q), axis1=1, axis2=2)
+    ).min(axis=0)
     return tuple(np.where(worst_pose > 0, BRAKES * worst_pose, np.inf).tolist())
 
 
 def spare_torque(model: Model, q: Array) -> Array:
     """Return what gravity and friction leave of every motor's torque at some poses, N m, (N, n)."""
     zero = np.zeros_like(q)
-    return model.tau_max - np.abs(model.inverse(q, zero, zero, slide=zero)) - model.level(q, zero, zero, zero)
+    return (
+        model.tau_max
+        - np.abs(model.inverse(q, zero, zero, slide=zero))
+        - model.level(q, zero, zero, zero)
+    )
 
 
 def bisected(enough: Callable[[float], bool], low: float, high: float) -> float:
@@ -260,13 +292,20 @@ def refused(wish: Wish, rows: Sequence[JointWish]) -> tuple[str, str]:
     def most(other: Wish) -> float:
         """The largest disk margin that every joint has at some bandwidth, of those an octave apart."""
         tried = [other.gains(SLOWEST_SEARCHED / other.dt * 2**k) for k in range(SEARCHED_OCTAVES)]
-        return min(max(other.smallest(gains, ratios, drive) for gains in tried) for _, _, ratios, drive in rows)
+        return min(
+            max(other.smallest(gains, ratios, drive) for gains in tried)
+            for _, _, ratios, drive in rows
+        )
 
     what = f"is {wish.disk:g}, and the most that any bandwidth keeps with damping {wish.damping:g}"
     what += f", integral {wish.integral:g}"
     every = [ratio for _, _, ratios, _ in rows for ratio in ratios]
     unsure = min(every) < max(every)
-    what += f" and {digits(min(every), 2)} to {digits(max(every), 2)} times the believed gain" if unsure else ""
+    what += (
+        f" and {digits(min(every), 2)} to {digits(max(every), 2)} times the believed gain"
+        if unsure
+        else ""
+    )
     other = replace(wish, damping=max(DAMPED, wish.damping), integral=0.0)
     here = most(wish)
     there = most(other)
@@ -275,7 +314,9 @@ def refused(wish: Wish, rows: Sequence[JointWish]) -> tuple[str, str]:
     return f"{what} is {floor(100 * here) / 100:g}", mend if there > here else "ask for that"
 
 
-def lowered(hz: float, wish: Wish, ratios: Sequence[float], drive: tuple[Signal, ...] = ()) -> float | None:
+def lowered(
+    hz: float, wish: Wish, ratios: Sequence[float], drive: tuple[Signal, ...] = ()
+) -> float | None:
     """Return `hz`, or else the highest bandwidth below it whose worst disk margin is at least the one wished for, Hz.
 
     None where no bandwidth has it: delay then is not what costs the margin.
@@ -292,7 +333,9 @@ def lowered(hz: float, wish: Wish, ratios: Sequence[float], drive: tuple[Signal,
 
     if isfinite(hz) and enough(hz):
         return hz
-    found = fastest(lambda bandwidth: bandwidth < hz and enough(bandwidth), SLOWEST_SEARCHED / wish.dt)
+    found = fastest(
+        lambda bandwidth: bandwidth < hz and enough(bandwidth), SLOWEST_SEARCHED / wish.dt
+    )
     return None if found is None else found * (LAYERED if wish.robust and not isfinite(hz) else 1.0)
 
 

@@ -166,7 +166,9 @@ def smallest_disk(
 
 
 @lru_cache(maxsize=512)
-def compute_margins(gains: Pid, dt: float, delay: float, gain: float = 1.0, drive: tuple[Signal, ...] = ()) -> Margins:
+def compute_margins(
+    gains: Pid, dt: float, delay: float, gain: float = 1.0, drive: tuple[Signal, ...] = ()
+) -> Margins:
     """Return the margins of `sampled_loop`; an unstable loop has none (all zero).
 
     Remembered, as joints share loops and searches come back to them: the result depends on the arguments alone.
@@ -192,13 +194,20 @@ def assessed(loop: control.StateSpace, omega: Array) -> Margins:
     )
 
 
-def find_crossings(loop: control.StateSpace, omega: Array, response: Array, measure: Callable[[Array], Array]) -> Array:
+def find_crossings(
+    loop: control.StateSpace, omega: Array, response: Array, measure: Callable[[Array], Array]
+) -> Array:
     """Return where a measure of the loop gain is zero, rad/s: between neighbours of `omega` where its sign changes."""
     from scipy.optimize import brentq
 
     signs = np.sign(measure(response))
     at = np.flatnonzero(signs[1:] != signs[:-1])
-    return np.array([brentq(lambda w: measure(responses(loop, np.array([w])))[0], *omega[k : k + 2]) for k in at])
+    return np.array(
+        [
+            brentq(lambda w: measure(responses(loop, np.array([w])))[0], *omega[k : k + 2])
+            for k in at
+        ]
+    )
 
 
 def at_nyquist(loop: control.StateSpace) -> Array:

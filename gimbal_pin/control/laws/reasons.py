@@ -56,13 +56,18 @@ def group_reasons(joints: Sequence[str], each: Sequence[GainReason]) -> list[Gai
 
 
 def about_loops(
-    model: Model, wish: Wish, granted: Sequence[float], found: Sequence[Margins], least: Sequence[Margins] | None
+    model: Model,
+    wish: Wish,
+    granted: Sequence[float],
+    found: Sequence[Margins],
+    least: Sequence[Margins] | None,
 ) -> list[GainReason]:
     """Say why the bandwidths and gains are what they are; `least`: the worst margins of all draws, if any."""
     joints = model.rig.joints
     rows = zip(wish.per_joint(model.rig), granted, found, model.drives)
     reasons = group_reasons(
-        joints, [about_bandwidth(asked, hz, margins, wish, drive) for asked, hz, margins, drive in rows]
+        joints,
+        [about_bandwidth(asked, hz, margins, wish, drive) for asked, hz, margins, drive in rows],
     )
     if least is not None:
         reasons += group_reasons(joints, [about_draws(margins, wish) for margins in least])
@@ -81,13 +86,23 @@ def about_bandwidth(
     if granted == wanted:
         return GainReason(f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}; {margins}")
     late = f"with {digits(1e3 * (wish.delay + wish.dt / 2))} ms of delay and hold"
-    late += "".join(f", and the drive's {name}" for name in dict.fromkeys(s.name for s in drive if s.linear))
+    late += "".join(
+        f", and the drive's {name}" for name in dict.fromkeys(s.name for s in drive if s.linear)
+    )
     if not isfinite(wanted):
-        share = f"{LAYERED:g} of the highest (the rest is for Lyapunov redesign)" if wish.robust else "the highest"
+        share = (
+            f"{LAYERED:g} of the highest (the rest is for Lyapunov redesign)"
+            if wish.robust
+            else "the highest"
+        )
         why = f"{share} that keeps a disk margin of {wish.disk:g} {late}"
-        return GainReason(f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}, {why}; {margins}")
+        return GainReason(
+            f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}, {why}; {margins}"
+        )
     why = f"{digits(wanted)} Hz would leave a disk margin under {wish.disk:g} {late}"
-    return GainReason(f"bandwidth lowered to {digits(granted)} Hz, as {why}; {margins}", ReasonKind.LOWERED)
+    return GainReason(
+        f"bandwidth lowered to {digits(granted)} Hz, as {why}; {margins}", ReasonKind.LOWERED
+    )
 
 
 def doubts(joints: Sequence[str], over: Ratios, least: Sequence[Margins]) -> tuple[str, ...]:
@@ -113,7 +128,9 @@ def doubts(joints: Sequence[str], over: Ratios, least: Sequence[Margins]) -> tup
 
 def times(gain: float) -> str:
     """How many times a gain another one is; beyond those looked at it has no bound."""
-    return "any number of times" if gain >= GAIN_CEILING * (1 - 1e-9) else f"{digits(gain, 2)} times"
+    return (
+        "any number of times" if gain >= GAIN_CEILING * (1 - 1e-9) else f"{digits(gain, 2)} times"
+    )
 
 
 def about_sampling(wish: Wish, logged: float | None) -> GainReason:
@@ -143,24 +160,31 @@ def warn_of_haste(model: Model, wish: Wish) -> list[str]:
     joint = model.rig.joints[known.lags.index(late)]
     stated = f"a delay of {digits(1e3 * wish.delay, 2)} ms was stated"
     shown = f"the logs show {joint}'s torque to act {digits(1e3 * late, 2)} ms late"
-    return [f"{stated}, and {shown}: the loop may have less margin than stands here; leave --delay out, or measure it"]
+    return [
+        f"{stated}, and {shown}: the loop may have less margin than stands here; leave --delay out, or measure it"
+    ]
 
 
 def about_gains(wish: Wish) -> GainReason:
     """Say what each gain is made of."""
     if wish.integral == 0:
         shape = f"ω = 2π · bandwidth, ζ = {wish.damping:g}"
-        return GainReason(f"kp = ω², kd = 2 ζ ω with {shape}: the error's poles are s² + 2 ζ ω s + ω²")
+        return GainReason(
+            f"kp = ω², kd = 2 ζ ω with {shape}: the error's poles are s² + 2 ζ ω s + ω²"
+        )
     poles = "(s² + 2 ζ ω s + ω²)(s + γ ω)"
     shape = f"ω = 2π · bandwidth, ζ = {wish.damping:g}, γ = {wish.integral:g}"
-    return GainReason(f"kp = (1 + 2 ζ γ) ω², ki = γ ω³, kd = (2 ζ + γ) ω with {shape}: the error's poles are {poles}")
+    return GainReason(
+        f"kp = (1 + 2 ζ γ) ω², ki = γ ω³, kd = (2 ζ + γ) ω with {shape}: the error's poles are {poles}"
+    )
 
 
 def about_draws(found: Margins, wish: Wish) -> GainReason:
     """Say what the worst of the drawn models leaves."""
     if found.disk_margin == 0:
         text = (
-            f"the worst of {DRAWN_MODELS} models drawn from the covariance makes the loop unstable: identify it better"
+            f"the worst of {DRAWN_MODELS} models drawn from the covariance makes the loop "
+            "unstable: identify it better"
         )
         return GainReason(text, ReasonKind.UNCERTAIN)
     worst = (
@@ -169,7 +193,10 @@ def about_draws(found: Margins, wish: Wish) -> GainReason:
     )
     if wish.kept(found.disk_margin):
         return GainReason(worst)
-    return GainReason(f"{worst}, and no bandwidth would leave {wish.disk:g}: identify it better", ReasonKind.UNCERTAIN)
+    return GainReason(
+        f"{worst}, and no bandwidth would leave {wish.disk:g}: identify it better",
+        ReasonKind.UNCERTAIN,
+    )
 
 
 def list_compensated(model: Model, kind: str) -> list[tuple[str, str | None]]:
@@ -177,7 +204,11 @@ def list_compensated(model: Model, kind: str) -> list[tuple[str, str | None]]:
     if kind == "pid":
         return []
     always = {cause.name for cause in ALWAYS}
-    found = [(term.effect.name, term.effect.joint) for term in model.terms if term.effect.name not in always]
+    found = [
+        (term.effect.name, term.effect.joint)
+        for term in model.terms
+        if term.effect.name not in always
+    ]
     found += [(signal.name, signal.joint) for signal in model.drive]
     return list(dict.fromkeys([*found, *((change.name, change.place) for change in model.changes)]))
 
@@ -207,7 +238,8 @@ def about_model(known: ModelErrorBounds, force: str) -> GainReason:
     off = f"the model may be off by {sizes} ({known.source})"
     if known.alpha >= UNSAFE_ALPHA:
         return GainReason(
-            f"{off}: a PID is safer (tune --kind pid) until it is identified better", ReasonKind.PID_SAFER
+            f"{off}: a PID is safer (tune --kind pid) until it is identified better",
+            ReasonKind.PID_SAFER,
         )
     return GainReason(off)
 

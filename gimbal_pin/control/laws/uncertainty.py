@@ -54,7 +54,9 @@ def sample_poses(rig: Rig, count: int = EXAMINED_POSES) -> tuple[Array, Array]:
 
     A Kronecker sequence, like the reduction's: what is derived from it depends on the rig alone.
     """
-    primes = [k for k in range(2, 600) if all(k % d for d in range(2, int(k**0.5) + 1))][: 2 * rig.n]
+    primes = [k for k in range(2, 600) if all(k % d for d in range(2, int(k**0.5) + 1))][
+        : 2 * rig.n
+    ]
     unit = np.outer(np.arange(count), np.sqrt(primes)) % 1.0
     lower = np.array([max(limit.lower, -np.pi) for limit in rig.limits])
     upper = np.array([min(limit.upper, np.pi) for limit in rig.limits])
@@ -79,7 +81,9 @@ def compute_inertia(model: Model, q: Array) -> Array:
         upper = np.triu(pin.crba(rig.model, data, angles))
         row[...] = upper + np.triu(upper, 1).T
     zero = np.zeros_like(q)
-    extra = model.passive(q, zero, zero + 1.0, zero, zero) - model.passive(q, zero, zero, zero, zero)
+    extra = model.passive(q, zero, zero + 1.0, zero, zero) - model.passive(
+        q, zero, zero, zero, zero
+    )
     return out + extra[:, :, None] * np.eye(rig.n)
 
 
@@ -101,7 +105,9 @@ def bounds(model: Model, rng: np.random.Generator) -> ModelErrorBounds:
     deviation = known[0].covariance
     places = known[1]
     draws = draw_changes(deviation, SETS, rng)
-    alpha, phi = (float(np.quantile(x, 0.95)) for x in bound_drawn_models(model, places, q, v, D, draws))
+    alpha, phi = (
+        float(np.quantile(x, 0.95)) for x in bound_drawn_models(model, places, q, v, D, draws)
+    )
     source = f"from the estimated covariance, {SETS} parameter sets at {len(q)} poses, 95 %"
     return ModelErrorBounds(alpha, phi, largest, source)
 
@@ -116,10 +122,14 @@ def draw_changes(covariance: Array, count: int, rng: np.random.Generator) -> Arr
     unit = np.where(std > 0, std, 1.0)
     correlation = covariance / np.outer(unit, unit)
     zero = np.zeros(len(std))
-    return np.asarray(std * rng.multivariate_normal(zero, correlation, count, method="eigh", check_valid="ignore"))
+    return np.asarray(
+        std * rng.multivariate_normal(zero, correlation, count, method="eigh", check_valid="ignore")
+    )
 
 
-def bound_drawn_models(model: Model, places: Array, q: Array, v: Array, D: Array, draws: Array) -> tuple[Array, Array]:
+def bound_drawn_models(
+    model: Model, places: Array, q: Array, v: Array, D: Array, draws: Array
+) -> tuple[Array, Array]:
     """α and Φ of each drawn parameter set, (sets,) each: the largest over the poses."""
     rest = columns(model, places, q, v, np.zeros_like(q))
     push = pushes(model, places, q, v)
@@ -137,10 +147,14 @@ def pushes(model: Model, places: Array, q: Array, v: Array) -> Array:
     """``∂D(q)/∂θ``, (N, n, n, k): what one unit of each estimated parameter adds to the inertia matrix."""
     zero = np.zeros_like(q)
     rest = columns(model, places, q, v, zero)
-    return np.stack([columns(model, places, q, v, zero + row) - rest for row in np.eye(q.shape[1])], axis=2)
+    return np.stack(
+        [columns(model, places, q, v, zero + row) - rest for row in np.eye(q.shape[1])], axis=2
+    )
 
 
-def columns(model: Model, places: Array, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
+def columns(
+    model: Model, places: Array, q: Array, v: Array, a: Array, platform: Platform | None = None
+) -> Array:
     """Torque per unit of each estimated parameter, (N, n, k): base columns, then the terms' own bases."""
     rig = model.rig
     tau = compute_rnea(rig, q, v, a, platform)
@@ -204,9 +218,13 @@ def draw_inertia_ratios(model: Model, kind: str, rng: np.random.Generator) -> Ra
     q, _ = sample_poses(model.rig, VARIED if kind == "pid" else EXAMINED_POSES)
     believed = np.diagonal(compute_inertia(model, q), axis1=1, axis2=2)
     sets = draw_changes(covariance, DRAWN_MODELS, rng)
-    change = np.moveaxis(np.diagonal(pushes(model, places, q, np.zeros_like(q)), axis1=1, axis2=2), 1, 2)  # (N, n, k)
+    change = np.moveaxis(
+        np.diagonal(pushes(model, places, q, np.zeros_like(q)), axis1=1, axis2=2), 1, 2
+    )  # (N, n, k)
     true = believed + np.einsum("ijk,sk->sij", change, sets)
-    nominal = np.diagonal(compute_inertia(model, home(model.rig)[None])[0]) if kind == "pid" else believed
+    nominal = (
+        np.diagonal(compute_inertia(model, home(model.rig)[None])[0]) if kind == "pid" else believed
+    )
     ratios = nominal / np.maximum(true, nominal / GAIN_CEILING)
     rows = ratios.reshape(-1, model.rig.n)
     ends = zip(rows.min(axis=0).tolist(), rows.max(axis=0).tolist())

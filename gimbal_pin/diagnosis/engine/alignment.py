@@ -27,7 +27,9 @@ def later_by(state: State) -> Array:
     shifts it was given.
     """
     D, P = project_slopes(state)
-    return np.asarray(P @ (D.T @ state.fit.residual - shifts(state.problem.evidence) / LAG_DEVIATION**2))
+    return np.asarray(
+        P @ (D.T @ state.fit.residual - shifts(state.problem.evidence) / LAG_DEVIATION**2)
+    )
 
 
 def project_slopes(state: State) -> tuple[Array, Array]:
@@ -74,7 +76,9 @@ def bound_shifts(late: Array) -> Array:
     return np.clip(late, common - 3 * LAG_SPREAD, common + 3 * LAG_SPREAD)
 
 
-def align_torques(evidence: Evidence, causes: tuple[Cause, ...], modelled: Callable[[Evidence], State]) -> State:
+def align_torques(
+    evidence: Evidence, causes: tuple[Cause, ...], modelled: Callable[[Evidence], State]
+) -> State:
     """Return the model with the shifts, within their bounds, at which it leaves least.
 
     Where a cause is a filter of the torque, such as a delay, all of the time is its: there nothing is shifted.

@@ -67,7 +67,9 @@ def by_block(state: State, other: State) -> Array:
     known = state.dispersion
     size, than = (np.sqrt(one.dispersion / known) for one in (state, other))
     count = len(state.fit.residual) // len(known)
-    difference = (np.tile(than, count) * other.fit.residual) ** 2 - (np.tile(size, count) * state.fit.residual) ** 2
+    difference = (np.tile(than, count) * other.fit.residual) ** 2 - (
+        np.tile(size, count) * state.fit.residual
+    ) ** 2
     return state.fit.by_block(difference[:, None])[:, 0] / 2
 
 
@@ -77,7 +79,9 @@ def compare_models(state: State, other: State) -> tuple[float, float]:
     ``δ = Σ_b d_b + (k' - k) log(N)/2``, ``s² = B var d``. A few blocks may tell most, and then s is large.
     """
     told = by_block(state, other)
-    return float(told.sum()) + (penalty(other) - penalty(state)) / 2, float(np.sqrt(len(told)) * told.std(ddof=1))
+    return float(told.sum()) + (penalty(other) - penalty(state)) / 2, float(
+        np.sqrt(len(told)) * told.std(ddof=1)
+    )
 
 
 def fitted(problem: Problem, causes: Sequence[Cause], before: State) -> State:
@@ -88,7 +92,9 @@ def fitted(problem: Problem, causes: Sequence[Cause], before: State) -> State:
 def leave_cause_out(state: State, cause: Cause) -> State:
     """Refit without a cause: once, as what a cause adds is asked for whenever another is weighed."""
     if cause not in state.lacking:
-        state.lacking[cause] = fitted(state.problem, [one for one in state.causes if one is not cause], state)
+        state.lacking[cause] = fitted(
+            state.problem, [one for one in state.causes if one is not cause], state
+        )
     return state.lacking[cause]
 
 
@@ -104,7 +110,11 @@ def exceeds_form_error(state: State, other: State) -> bool:
     total = other.problem.evidence.whiten_all(other.torque)
     before, after = (one.fit.residual.reshape(-1, n) / one.fit.scale for one in (other, state))
     pieced = [one for one in state.causes if one.pieces]
-    whole = [one for one in other.causes if not any(same(one, x) and one.pieces != x.pieces for x in pieced)]
+    whole = [
+        one
+        for one in other.causes
+        if not any(same(one, x) and one.pieces != x.pieces for x in pieced)
+    ]
     lacking = (leave_cause_out(other, cause).fit for cause in whole)
     missed = (fit.residual.reshape(-1, n) / fit.scale - before for fit in lacking)
     signals = [(FORM_ERROR, total), *((OF_CAUSE, one) for one in missed)]
@@ -128,7 +138,9 @@ def compare_with_form_error(
     for part in evidence.parts:
         rows = slice(first, first + part.rows)
         first += part.rows
-        error = sum(share**2 * power_of(signal[rows], AVERAGED_FREQUENCIES) for share, signal in signals)
+        error = sum(
+            share**2 * power_of(signal[rows], AVERAGED_FREQUENCIES) for share, signal in signals
+        )
         gained += np.sum((power_of(before[rows]) - power_of(after[rows])) / (1 + error), axis=0)
         allowed += np.sum(error / (1 + error), axis=0)
     return np.asarray(gained / np.maximum(allowed, 1e-300))
@@ -179,7 +191,9 @@ def pass_through_drives(state: State, causes: Sequence[Cause]) -> list[Array]:
     torque = state.problem.evidence.torque
     for cause in causes:
         if isinstance(cause, Signal):
-            torque = apply_signal(state.problem.evidence, cause, torque, state.bearing_for(cause, torque))
+            torque = apply_signal(
+                state.problem.evidence, cause, torque, state.bearing_for(cause, torque)
+            )
     return torque
 
 
@@ -187,7 +201,13 @@ def overfit(state: State) -> Array:
     """Return each joint's residual on blocks that were left out over that of the fit to all, power over power, (n,)."""
     fit = state.fit
     columns = [fit.stacked(tangents(state, cause)) for cause in state.causes if shape_names(cause)]
-    error = unseen(np.concatenate([fit.stack, *columns], axis=1), fit.stack[:, :0], fit.target, fit.block, (1.0,))
+    error = unseen(
+        np.concatenate([fit.stack, *columns], axis=1),
+        fit.stack[:, :0],
+        fit.target,
+        fit.block,
+        (1.0,),
+    )
     joints = [fit.rows(j) for j in range(len(fit.scale))]
     power = [(float(error[k] @ error[k]), float(fit.residual[k] @ fit.residual[k])) for k in joints]
     return np.array([after / max(before, 1e-300) for after, before in power])

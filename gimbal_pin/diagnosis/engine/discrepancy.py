@@ -60,7 +60,11 @@ def split_by_variable(evidence: Evidence, torque: Sequence[Array], joint: int) -
         knots = np.unique(np.quantile(np.concatenate(values), np.linspace(0.01, 0.99, count)))
         if len(knots) > 1:
             plain = [bumps(x, knots) for x in values]
-            signed = [np.hstack([columns, columns * s[:, None]]) for columns, s in zip(plain, way)] if both else plain
+            signed = (
+                [np.hstack([columns, columns * s[:, None]]) for columns, s in zip(plain, way)]
+                if both
+                else plain
+            )
             found[name] = evidence.whiten(signed, joint)
     return found
 
@@ -77,7 +81,11 @@ def rates(evidence: Evidence, joint: int) -> list[Array]:
 
 
 def unseen(
-    free: Array, flexible: Array, target: Array, block: Array | NDArray[np.intp], ridges: Sequence[float] = RIDGES
+    free: Array,
+    flexible: Array,
+    target: Array,
+    block: Array | NDArray[np.intp],
+    ridges: Sequence[float] = RIDGES,
 ) -> Array:
     """Return the errors, (rows,), of predicting each fold of blocks from the others: free columns without a penalty.
 
@@ -100,8 +108,12 @@ def unseen(
     found = list[Array]()
     folds = [np.flatnonzero(fold == k) for k in np.unique(fold)]
     for ridge in ridges:
-        held, shrunk = (x / (x + r * len(target)) for x, r in ((free_power, HARDLY), (power, ridge)))
-        W = np.concatenate([Q * np.sqrt(held), U * np.sqrt(shrunk)], axis=1)  # the fit's hat matrix is W Wᵀ
+        held, shrunk = (
+            x / (x + r * len(target)) for x, r in ((free_power, HARDLY), (power, ridge))
+        )
+        W = np.concatenate(
+            [Q * np.sqrt(held), U * np.sqrt(shrunk)], axis=1
+        )  # the fit's hat matrix is W Wᵀ
         left = target - W @ (W.T @ target)
         error = np.empty(len(target))
         for rows in folds:
@@ -162,7 +174,9 @@ def lack_of_fit(state: State, joint: int) -> Lack:
     used = float(evidence.used[joint])
     if used * evidence.rows < state.fit.stack.shape[1]:  # a joint that stands shows nothing
         return Lack(0.0, 0.0, 0.0)
-    residual, stack = (x[rows] / state.fit.scale[joint] for x in (state.fit.residual, state.fit.stack))
+    residual, stack = (
+        x[rows] / state.fit.scale[joint] for x in (state.fit.residual, state.fit.stack)
+    )
     flexible = np.concatenate([stack, features(evidence, state.torque, joint)], axis=1)
     error = unseen(stack[:, :0], flexible, residual, evidence.block)
     share = 1.0 - float(error @ error) / max(float(residual @ residual), 1e-300)

@@ -8,7 +8,12 @@ from functools import cached_property, partial
 
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.alignment import align_torques, shifts
-from gimbal_pin.diagnosis.engine.criterion import OF_CAUSE, compute_cause_torque, fitted, leave_cause_out
+from gimbal_pin.diagnosis.engine.criterion import (
+    OF_CAUSE,
+    compute_cause_torque,
+    fitted,
+    leave_cause_out,
+)
 from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
 from gimbal_pin.diagnosis.engine.noise import coloured, remove_whitening, rewhitened_problem
 from gimbal_pin.diagnosis.engine.selection import (
@@ -115,7 +120,9 @@ def explain(
         causes: The causes to look for.
         timed: Whether to estimate the torques' time; False: it is known.
     """
-    given = replace(Problem.of(evidence, reduction), luck=1e-9)  # the noise is the data's own: no fit beats it by luck
+    given = replace(
+        Problem.of(evidence, reduction), luck=1e-9
+    )  # the noise is the data's own: no fit beats it by luck
     candidates = Candidates(evidence.rig, list_candidates(evidence, causes))
     found: tuple[Cause, ...] = ()
     for _ in range(SEARCHES):
@@ -134,7 +141,11 @@ def explain(
     before, after = (tuple(lack_of_fit(one, j) for j in joints) for one in (first, state))
     all_of_it = Explained(search, first, state, state, others, before, after)
     names = deserving(all_of_it)
-    return all_of_it if names == state.causes else replace(all_of_it, final=fitted(search.problem, names, state))
+    return (
+        all_of_it
+        if names == state.causes
+        else replace(all_of_it, final=fitted(search.problem, names, state))
+    )
 
 
 def material(lack: Lack) -> bool:
@@ -150,7 +161,11 @@ def deserving(found: Explained) -> tuple[Cause, ...]:
     nobody knows, what noise in the motion may make, and what has pieces of no one device.
     """
     joints = found.first.problem.evidence.rig.joints
-    unknown = {joints[j] for j, lack in enumerate(found.after) if material(lack) and found.left(j) > DENYING_SHARE}
+    unknown = {
+        joints[j]
+        for j, lack in enumerate(found.after)
+        if material(lack) and found.left(j) > DENYING_SHARE
+    }
     every = () if stopped(found.state) else found.state.causes
     clear = (one for one in every if not (one.place in unknown if one.of_joint else unknown))
     seen = (one for one in clear if not (isinstance(one, Signal) and misses(found.state, one)))
@@ -165,7 +180,10 @@ def has_stray_pieces(state: State, cause: Cause) -> bool:
         return False
     evidence = state.problem.evidence
     seen = evidence.seen[evidence.rig.joint_index(cause.joint)]
-    return len(cause.pieces) > 1 and cause.compute_stray_share(worth(state, cause), seen) > DENYING_SHARE
+    return (
+        len(cause.pieces) > 1
+        and cause.compute_stray_share(worth(state, cause), seen) > DENYING_SHARE
+    )
 
 
 def is_hidden_by_noise(first: State, cause: Cause) -> bool:
@@ -189,7 +207,11 @@ def misses(state: State, drive: Signal) -> bool:
     taken = compute_cause_torque(state, drive)[:, j] ** 2
     base = leave_cause_out(state, drive)
     before, after = (
-        float(taken @ (one.fit.residual[one.fit.rows(j)] / one.fit.scale[j]) ** 2 / max(float(taken.sum()), 1e-300))
+        float(
+            taken
+            @ (one.fit.residual[one.fit.rows(j)] / one.fit.scale[j]) ** 2
+            / max(float(taken.sum()), 1e-300)
+        )
         for one in (base, state)
     )
     noise = float(state.fit.dispersion[j])
@@ -219,8 +241,12 @@ class Candidates:
     def __init__(self, rig: Rig, causes: Sequence[Cause]) -> None:
         """Remember what to build."""
         self.every = ColumnLibrary(rig, causes)
-        drives = {one: isinstance(one, Signal) and not one.springy for one in causes}  # springs follow the motion
-        self.drives = ColumnLibrary(rig, [one for one, drive in drives.items() if drive], of_model=True)
+        drives = {
+            one: isinstance(one, Signal) and not one.springy for one in causes
+        }  # springs follow the motion
+        self.drives = ColumnLibrary(
+            rig, [one for one, drive in drives.items() if drive], of_model=True
+        )
         # A harmonic is a line in the noise's spectrum, and no median moves by it.
         self.still = [one for one, drive in drives.items() if not drive and not one.pieces]
 

@@ -29,18 +29,26 @@ SMOOTHED_FREQUENCIES, SMOOTHED_SHARE = 8, 0.15
 def remove_whitening(evidence: Evidence) -> Evidence:
     """Return the evidence with the band's edge as its only filter: rows in N m."""
     edges = [edge_of(evidence, part) for part in evidence.parts]
-    parts = [p._replace(whitener=np.tile(edge, (evidence.rig.n, 1))) for p, edge in zip(evidence.parts, edges)]
+    parts = [
+        p._replace(whitener=np.tile(edge, (evidence.rig.n, 1)))
+        for p, edge in zip(evidence.parts, edges)
+    ]
     return replace(evidence, parts=tuple(parts))
 
 
 def edge_of(evidence: Evidence, part: LogStretch) -> Array:
     """Return the gain by which a part's band fades at its upper end, (f,)."""
-    return compute_band_edge(fft.rfftfreq(len(part.gate), part.dt)[: part.whitener.shape[1]], evidence.band)
+    return compute_band_edge(
+        fft.rfftfreq(len(part.gate), part.dt)[: part.whitener.shape[1]], evidence.band
+    )
 
 
 def whitened(evidence: Evidence, noise: Sequence[Array]) -> Evidence:
     """Return flat evidence whitened by the noise's power at each frequency, (N m)², (n, f) for each part."""
-    parts = [part._replace(whitener=part.whitener / np.sqrt(power)) for part, power in zip(evidence.parts, noise)]
+    parts = [
+        part._replace(whitener=part.whitener / np.sqrt(power))
+        for part, power in zip(evidence.parts, noise)
+    ]
     return replace(evidence, parts=tuple(parts))
 
 
@@ -62,23 +70,36 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
     now = problem
     n = evidence.rig.n
     every = [[c.at(j).own for c in candidates if c.joint in (None, j)] for j in range(n)]
-    flexible = [np.concatenate([*own, features(evidence, state.torque, j)], axis=1) for j, own in enumerate(every)]
+    flexible = [
+        np.concatenate([*own, features(evidence, state.torque, j)], axis=1)
+        for j, own in enumerate(every)
+    ]
     for _ in range(WHITENING_ROUNDS):
         fitted = solve_causes(now, state.causes, state)
         power: list[list[Array]] = []
         for j in range(n):
             rows = fitted.fit.rows(j)
             used = float(now.evidence.used[j])
-            stack, target = (x[rows] / fitted.fit.scale[j] for x in (fitted.fit.stack, fitted.fit.target))
-            error = unseen(stack, now.evidence.rewhiten(flexible[j], evidence, j), target, now.evidence.block)
+            stack, target = (
+                x[rows] / fitted.fit.scale[j] for x in (fitted.fit.stack, fitted.fit.target)
+            )
+            error = unseen(
+                stack, now.evidence.rewhiten(flexible[j], evidence, j), target, now.evidence.block
+            )
             noise = spectra(error, now.evidence, j, exponential)
-            shares = fitted.pass_all_noise(j)  # the noise is the measured torque's, before the drives' signals
+            shares = fitted.pass_all_noise(
+                j
+            )  # the noise is the measured torque's, before the drives' signals
             power.append([x / p / max(used, 1e-3) for x, p in zip(noise, shares)])
-        now = rewhitened_problem(problem, whitened(evidence, [np.stack(each) for each in zip(*power)]))
+        now = rewhitened_problem(
+            problem, whitened(evidence, [np.stack(each) for each in zip(*power)])
+        )
     return now
 
 
-def spectra(signal: Array, evidence: Evidence, joint: int, average: Callable[[Array], Any]) -> list[Array]:
+def spectra(
+    signal: Array, evidence: Evidence, joint: int, average: Callable[[Array], Any]
+) -> list[Array]:
     """Return the smooth spectrum of one joint's rows before they were whitened, (N m)², (f,) for each part.
 
     Where the band's edge takes off more than half the noise is as where it begins to: of the rest little is left.
@@ -109,5 +130,7 @@ def smooth(power: Array, average: Callable[[Array], Any]) -> Array:
     wide = np.maximum(SMOOTHED_FREQUENCIES, (SMOOTHED_SHARE * np.arange(count)).astype(int))
     ends = [(max(k - w, 0), min(k + w + 1, count)) for k, w in enumerate(wide.tolist())]
     rough = np.array([average(power[low:high]) for low, high in ends])
-    means = [np.mean(rough[max(k - w // 2, 0) : k + w // 2 + 1]) for k, w in enumerate(wide.tolist())]
+    means = [
+        np.mean(rough[max(k - w // 2, 0) : k + w // 2 + 1]) for k, w in enumerate(wide.tolist())
+    ]
     return np.maximum(means, 1e-30)

@@ -69,7 +69,9 @@ class Search:
 
         ``2 log(K/α)``: that one of K candidates gains so much by chance, ``exp(-gain/2)`` each, has a chance of α.
         """
-        return Search(problem, library, 2.0 * float(np.log(max(len(library.causes), 1) / ERROR_RATE)))
+        return Search(
+            problem, library, 2.0 * float(np.log(max(len(library.causes), 1) / ERROR_RATE))
+        )
 
     def share(self, state: State, signal: Signal) -> float:
         """Return the share of all noise that a candidate passes on, worked out once: no model changes it by much."""
@@ -121,7 +123,9 @@ def promising(state: State, search: Search, tried: Collection[Names] = ()) -> li
     columns = search.library.columns(state)
     net = falls(state, columns, state.fit)
     least = PROMISE * search.threshold
-    for k in np.flatnonzero(net > least).tolist():  # what takes the torque away takes the noise with it
+    for k in np.flatnonzero(
+        net > least
+    ).tolist():  # what takes the torque away takes the noise with it
         if isinstance(signal := columns[k].cause, Signal):
             j = state.problem.evidence.rig.joint_index(signal.place)
             net[k] += rows(state)[j] * np.log(search.share(state, signal))
@@ -131,9 +135,16 @@ def promising(state: State, search: Search, tried: Collection[Names] = ()) -> li
         if net[k] < least or len(best) == REFITTED_CANDIDATES:
             break
         there = any(same(cause, one) for one in state.causes)
-        if cause.pieces or not cause.of_joint if there else names((*state.causes, cause)) not in tried:
+        if (
+            cause.pieces or not cause.of_joint
+            if there
+            else names((*state.causes, cause)) not in tried
+        ):
             best.setdefault((cause.name, cause.place), cause)
-    return [completed(state, one, search) if one.pieces else refine_shapes(state, one, value) for one in best.values()]
+    return [
+        completed(state, one, search) if one.pieces else refine_shapes(state, one, value)
+        for one in best.values()
+    ]
 
 
 def falls(state: State, candidates: Sequence[Columns], fit: Fit) -> Array:
@@ -142,13 +153,18 @@ def falls(state: State, candidates: Sequence[Columns], fit: Fit) -> Array:
     gains = np.zeros(len(candidates))
     for kind in (True, False):
         places = np.flatnonzero(drives == kind)
-        gains[places] = [one.gain for one in all_gained(fit, [candidates[k] for k in places.tolist()], kind)]
+        gains[places] = [
+            one.gain for one in all_gained(fit, [candidates[k] for k in places.tolist()], kind)
+        ]
     count = rows(state)
     power = [float(x @ x) for x in (fit.residual[fit.rows(j)] for j in range(len(fit.scale)))]
     cost = np.array([sum(power) if one.joint is None else power[one.joint] for one in candidates])
     many = np.array([count.sum() if one.joint is None else count[one.joint] for one in candidates])
     left = np.maximum(1.0 - gains / np.maximum(cost, 1e-300), 1e-12)
-    return np.asarray(-many * np.log(left) - np.log(count.max()) * np.array([free(one.cause) for one in candidates]))
+    return np.asarray(
+        -many * np.log(left)
+        - np.log(count.max()) * np.array([free(one.cause) for one in candidates])
+    )
 
 
 def value(state: State, cause: Cause) -> float:
@@ -186,7 +202,11 @@ def completed(state: State, cause: Cause, search: Search) -> Cause:
 def together(causes: Sequence[Cause], new: Cause) -> tuple[Cause, ...]:
     """Return causes with one more; what has pieces is one cause with all of them."""
     old = next((one for one in causes if same(one, new) and one.pieces), None)
-    return (*causes, new) if old is None else tuple(one.joined(new) if one is old else one for one in causes)
+    return (
+        (*causes, new)
+        if old is None
+        else tuple(one.joined(new) if one is old else one for one in causes)
+    )
 
 
 def selected(state: State, search: Search) -> State:
@@ -257,7 +277,9 @@ def worth(state: State, cause: Cause) -> Array:
     spread = state.fit.information
     size = width(cause) // len(cause.pieces)
     places = [slice(at + k * size, at + (k + 1) * size) for k in range(len(cause.pieces))]
-    return np.array([theta[i] @ np.linalg.lstsq(spread[i, i], theta[i], rcond=1e-10)[0] for i in places])
+    return np.array(
+        [theta[i] @ np.linalg.lstsq(spread[i, i], theta[i], rcond=1e-10)[0] for i in places]
+    )
 
 
 def polished(state: State) -> State:
@@ -266,8 +288,14 @@ def polished(state: State) -> State:
         for _ in range(MOST_CAUSES):
             cause = state.causes[k]
             base = leave_cause_out(state, cause)
-            tried = (refine_shapes(base, cause, value, REFINING_FACTOR), *other_forms(base, cause, value))
-            every = [fitted(state.problem, (*state.causes[:k], x, *state.causes[k + 1 :]), state) for x in tried]
+            tried = (
+                refine_shapes(base, cause, value, REFINING_FACTOR),
+                *other_forms(base, cause, value),
+            )
+            every = [
+                fitted(state.problem, (*state.causes[:k], x, *state.causes[k + 1 :]), state)
+                for x in tried
+            ]
             new = min((one for one in every if not unsupported(one)), key=criterion, default=state)
             if criterion(new) > criterion(state) - 2.0 * np.log(2.0):
                 break

@@ -54,7 +54,11 @@ def read_log(path: str | Path, rig: Rig, mapping: Entries = (), *, need_tau: boo
 
 
 def log_in(
-    table: ColumnTable, rig: Rig, mapping: Entries = (), payload: str | None = None, need_tau: bool = True
+    table: ColumnTable,
+    rig: Rig,
+    mapping: Entries = (),
+    payload: str | None = None,
+    need_tau: bool = True,
 ) -> Log:
     """Return the log in a file that is open, see `read_log`."""
     links = list_links(rig)
@@ -66,7 +70,9 @@ def log_in(
     except MissingColumnsError as error:
         from gimbal_pin.log.io.inspection import propose_entries
 
-        raise LogError(error.place, error.what, propose_entries(table, rig, error.missing) or error.mend) from error
+        raise LogError(
+            error.place, error.what, propose_entries(table, rig, error.missing) or error.mend
+        ) from error
     return to_log(data, table.name, rig, links, payload, sources, (*table.notes, *notes))
 
 
@@ -94,7 +100,12 @@ def to_log(
         temperature=data.get("temperature"),
         imus={link: imu for link in links if (imu := to_imu(data, link)) is not None},
         payload=payload,
-        events=(*notes, *turned, *check_within_stops(name, rig, q, sources), *describe_torques(rig, data.get("tau"))),
+        events=(
+            *notes,
+            *turned,
+            *check_within_stops(name, rig, q, sources),
+            *describe_torques(rig, data.get("tau")),
+        ),
         sources=sources,
     )
 
@@ -119,7 +130,9 @@ def read_imu(path: str | Path, rig: Rig, link: str, mapping: Entries = ()) -> tu
     imu = to_imu(data, link)
     if imu is None:
         mend = f"map them: --map gyro_{link}_x=COLUMN[*FACTOR] and so on"
-        raise LogError(str(path), f"has no column gyro_{link}_x, accel_{link}_x or quat_{link}_w", mend)
+        raise LogError(
+            str(path), f"has no column gyro_{link}_x, accel_{link}_x or quat_{link}_w", mend
+        )
     return data["t"][:, 0], imu
 
 
@@ -140,11 +153,19 @@ def read_motion(path: str | Path, rig: Rig, mapping: Entries = ()) -> Motion:
     v = data.get("v")
     a = data.get("a")
     if len(t) < 2 and (v is None or a is None):
-        raise LogError(str(path), "has one row and no rates", "give two rows, or the columns dq_ and ddq_")
+        raise LogError(
+            str(path), "has one row and no rates", "give two rows, or the columns dq_ and ddq_"
+        )
     if v is None or a is None:
         from scipy.interpolate import CubicSpline
 
-        a = a if a is not None else CubicSpline(t, q)(t, 2) if v is None else CubicSpline(t, v)(t, 1)
+        a = (
+            a
+            if a is not None
+            else CubicSpline(t, q)(t, 2)
+            if v is None
+            else CubicSpline(t, v)(t, 1)
+        )
         v = v if v is not None else CubicSpline(t, q)(t, 1)
     return Motion(t, q, np.asarray(v), np.asarray(a))
 
@@ -161,7 +182,10 @@ def write_log(log: Log, path: str | Path) -> None:
         UsageError: The suffix is of no format that is written, or the file cannot be.
     """
     zeros = {name: source.zero for name, source in log.sources.items() if source.zero}
-    write_columns({name: x + zeros[name] if name in zeros else x for name, x in log_columns(log).items()}, path)
+    write_columns(
+        {name: x + zeros[name] if name in zeros else x for name, x in log_columns(log).items()},
+        path,
+    )
 
 
 def write_motion(motion: Motion, joints: Sequence[str], path: str | Path) -> None:
@@ -176,7 +200,11 @@ def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
     """Write columns in the format of the suffix."""
     write = format_of(Path(path)).write
     if write is None:
-        raise UsageError(str(path), f"{Path(path).suffix} is a format that is only read", "write .csv or .parquet")
+        raise UsageError(
+            str(path),
+            f"{Path(path).suffix} is a format that is only read",
+            "write .csv or .parquet",
+        )
     write(columns, Path(path))
 
 
@@ -186,5 +214,7 @@ def split_payload(path: str | Path) -> tuple[Path, str | None]:
     if not at or Path(path).exists() or not is_log(Path(head)):
         return Path(path), None
     if not payload:
-        raise UsageError(str(path), "names no payload behind the @", "write log.csv@PAYLOAD, or leave the @ out")
+        raise UsageError(
+            str(path), "names no payload behind the @", "write log.csv@PAYLOAD, or leave the @ out"
+        )
     return Path(head), payload

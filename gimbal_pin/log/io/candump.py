@@ -49,7 +49,9 @@ def open_candump(path: Path) -> ColumnTable:
     found: dict[tuple[tuple[str, ...], str, int], list[tuple[float, ...]]] = {}
     others = set[str]()
     lines = 0
-    for time, bus, identifier, data in (frame.groups() for frame in _CAN_FRAME.finditer(read_bytes(path, LogError))):
+    for time, bus, identifier, data in (
+        frame.groups() for frame in _CAN_FRAME.finditer(read_bytes(path, LogError))
+    ):
         content = bytes.fromhex(data.decode())
         lines = lines + 1
         at = int(identifier, 16)
@@ -59,33 +61,53 @@ def open_candump(path: Path) -> ColumnTable:
             node = at >> 8
             signals = _decode_moteus(content)
         if signals:
-            found.setdefault((tuple(signals), bus.decode(), node), []).append((float(time), *signals.values()))
+            found.setdefault((tuple(signals), bus.decode(), node), []).append(
+                (float(time), *signals.values())
+            )
         else:
             others.add(identifier.decode())
     if not found:
         what = f"holds no estimates of an ODrive or a moteus in its {lines} frames"
-        raise LogError(str(path), what, "decode it by the device's DBC (python -m cantools decode), and write CSV")
+        raise LogError(
+            str(path),
+            what,
+            "decode it by the device's DBC (python -m cantools decode), and write CSV",
+        )
     many = len({bus for _, bus, _ in found}) > 1
     streams = []
     notes = []
     order = [names[0] for names in _ODRIVE_SIGNALS.values()]
-    for names, bus, node in sorted(found, key=lambda key: (order.index(key[0][0]) if key[0][0] in order else 0, key)):
+    for names, bus, node in sorted(
+        found, key=lambda key: (order.index(key[0][0]) if key[0][0] in order else 0, key)
+    ):
         table = np.array(found[names, bus, node])
-        fine = np.all(np.isfinite(table), axis=1)  # a drive that has not found its encoder's zero says nan
+        fine = np.all(
+            np.isfinite(table), axis=1
+        )  # a drive that has not found its encoder's zero says nan
         columns = [f"{bus}.node{node}.{name}" if many else f"node{node}.{name}" for name in names]
         if not fine.all():
-            notes.append(f"{np.sum(~fine)} of {len(table)} frames of {columns[0]} hold no numbers: left out")
+            notes.append(
+                f"{np.sum(~fine)} of {len(table)} frames of {columns[0]} hold no numbers: left out"
+            )
         if fine.any():
-            streams.append(Stream(f"{columns[0]}.t", dict(zip((f"{columns[0]}.t", *columns), table[fine].T))))
+            streams.append(
+                Stream(f"{columns[0]}.t", dict(zip((f"{columns[0]}.t", *columns), table[fine].T)))
+            )
     if others:
-        notes.append(f"frames of the identifiers {quote_names(sorted(others))} are none that are read: left out")
+        notes.append(
+            f"frames of the identifiers {quote_names(sorted(others))} are none that are read: left out"
+        )
     return make_table(str(path), streams, notes)
 
 
 def _decode_odrive(command: int, data: bytes) -> dict[str, float]:
     """Return signal → value of an ODrive's frame; empty for another's."""
     names = _ODRIVE_SIGNALS.get(command, ())
-    return dict(zip(names, struct.unpack_from(f"<{len(names)}f", data))) if len(data) >= 4 * len(names) else {}
+    return (
+        dict(zip(names, struct.unpack_from(f"<{len(names)}f", data)))
+        if len(data) >= 4 * len(names)
+        else {}
+    )
 
 
 def _decode_moteus(data: bytes) -> dict[str, float]:

@@ -16,8 +16,22 @@ from gimbal_pin.log.io.tables import (
     find_repeated_rows,
     quote_names,
 )
-from gimbal_pin.log.log import LEAST_INTERVAL, PLAUSIBLE_RANGES, Array, Log, find_implausible, find_untimely
-from gimbal_pin.log.mapping import ROW_COLUMN, Entries, Source, check_targets, list_encoder_sources, read_mapping
+from gimbal_pin.log.log import (
+    LEAST_INTERVAL,
+    PLAUSIBLE_RANGES,
+    Array,
+    Log,
+    find_implausible,
+    find_untimely,
+)
+from gimbal_pin.log.mapping import (
+    ROW_COLUMN,
+    Entries,
+    Source,
+    check_targets,
+    list_encoder_sources,
+    read_mapping,
+)
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
 
@@ -65,14 +79,22 @@ def make_joint_group(prefix: str, joints: Sequence[str], required: bool = False)
 def make_imu_groups(link: str) -> dict[str, Group]:
     """Return ``<attribute>_<link>`` → group of an IMU fixed to `link`."""
     axes = IMU_COLUMNS.items()
-    return {f"{kind}_{link}": Group(tuple(f"{kind}_{link}_{axis}" for axis in names)) for kind, names in axes}
+    return {
+        f"{kind}_{link}": Group(tuple(f"{kind}_{link}_{axis}" for axis in names))
+        for kind, names in axes
+    }
 
 
-def make_log_groups(joints: Sequence[str], links: Sequence[str], need_tau: bool) -> dict[str, Group]:
+def make_log_groups(
+    joints: Sequence[str], links: Sequence[str], need_tau: bool
+) -> dict[str, Group]:
     """Return key → group of everything that a log of these joints and links may hold."""
     required = ("q", "tau") if need_tau else ("q",)
     groups = {"t": Group(("t",), True)}
-    groups |= {key: make_joint_group(prefix, joints, key in required) for key, prefix in _JOINT_COLUMNS.items()}
+    groups |= {
+        key: make_joint_group(prefix, joints, key in required)
+        for key, prefix in _JOINT_COLUMNS.items()
+    }
     for link in links:
         groups |= make_imu_groups(link)
     return groups
@@ -96,13 +118,17 @@ def list_links(rig: Rig) -> list[str]:
     return urdf.list_element_names(urdf.parse_robot(rig.urdf, str(rig.path)), "link")
 
 
-def find_unrecorded_joints(rig: Rig, tables: Iterable[ColumnTable], mapping: Entries) -> dict[str, float]:
+def find_unrecorded_joints(
+    rig: Rig, tables: Iterable[ColumnTable], mapping: Entries
+) -> dict[str, float]:
     """Return each joint of which no table holds anything → the angle, rad, or place, m, nearest to zero it can have.
 
     Empty where they hold no joint at all: then it is their names that are not the rig's.
     """
     known = {column for table in tables for column in table.columns} | read_mapping(mapping).keys()
-    columns = {joint: {f"{prefix}_{joint}" for prefix in _JOINT_COLUMNS.values()} for joint in rig.joints}
+    columns = {
+        joint: {f"{prefix}_{joint}" for prefix in _JOINT_COLUMNS.values()} for joint in rig.joints
+    }
     absent = {joint: float(min(max(0.0, low), high)) for joint, low, high in zip(rig.joints, *rig.stops)
               if not columns[joint] & known}  # fmt: skip
     return absent if len(absent) < rig.n else {}
@@ -113,7 +139,11 @@ def find_held_joints(logs: Sequence[Log]) -> dict[str, float]:
 
     Empty where all rest: then nothing moves. A joint at rest without a reference may be one that should have moved.
     """
-    still = [j for j in find_joints_asked_to_rest(logs) if all(np.ptp(log.q[:, j]) < LEAST_TRAVEL for log in logs)]
+    still = [
+        j
+        for j in find_joints_asked_to_rest(logs)
+        if all(np.ptp(log.q[:, j]) < LEAST_TRAVEL for log in logs)
+    ]
     if not still or len(still) == len(logs[0].joints):
         return {}
     at = np.median(np.concatenate([log.q for log in logs]), axis=0)
@@ -139,11 +169,16 @@ def resolve_mapping(rig: Rig, groups: Mapping[str, Group], mapping: Entries) -> 
         raise LogError(f"rig {rig.name}", f"two of its channels would be called '{twice[0]}'", mend)
     sources = read_mapping(mapping)
     check_targets(sources, names, rig.joints)
-    return sources | {name: source for name, source in list_encoder_sources(rig, sources).items() if name in names}
+    return sources | {
+        name: source for name, source in list_encoder_sources(rig, sources).items() if name in names
+    }
 
 
 def read_groups(
-    table: ColumnTable, groups: Mapping[str, Group], sources: Mapping[str, Source], notes: list[str] | None = None
+    table: ColumnTable,
+    groups: Mapping[str, Group],
+    sources: Mapping[str, Source],
+    notes: list[str] | None = None,
 ) -> dict[str, Array]:
     """Return key → (N, k) array of each group that the table holds, scaled to SI; ``t`` among them increases.
 
@@ -161,7 +196,9 @@ def read_groups(
     there = {c: source for c, source in known.items() if source.place or source.column in columns}
     present = {c: there[c] for group in groups.values() for c in group.columns if c in there}
     _check_header(table, groups, present)
-    wanted = [c for c in dict.fromkeys(source.column for source in present.values()) if c in columns]
+    wanted = [
+        c for c in dict.fromkeys(source.column for source in present.values()) if c in columns
+    ]
     raw = table.read(wanted or table.columns[:1])
     raw.setdefault(ROW_COLUMN, np.arange(len(next(iter(raw.values()))), dtype=np.float64))
     if notes is not None:
@@ -171,7 +208,9 @@ def read_groups(
         if notes is not None and not group.required and group.columns[0] in present:
             sparse = [c for c in group.columns if np.isnan(raw[present[c].column]).mean() > _LOST]
             if sparse:
-                notes.append(f"{table.name}: {quote_names(sparse)} are mostly empty or nan: left out")
+                notes.append(
+                    f"{table.name}: {quote_names(sparse)} are mostly empty or nan: left out"
+                )
                 present = {c: source for c, source in present.items() if c not in group.columns}
     read = {source.column: raw[source.column] for source in present.values()}
     kept = _select_whole_rows(table, read, present["t"], notes)
@@ -180,7 +219,9 @@ def read_groups(
         if group.columns[0] in present:
             named = [present[column] for column in group.columns]
             with np.errstate(over="ignore"):  # refused below
-                arrays[key] = np.column_stack([source.convert(raw[source.column][kept]) for source in named])
+                arrays[key] = np.column_stack(
+                    [source.convert(raw[source.column][kept]) for source in named]
+                )
             channel = key if key in PLAUSIBLE_RANGES else key.split("_")[0]
             if (wrong := find_implausible(channel, arrays[key])) is not None:
                 row, column, what, mend = wrong
@@ -190,7 +231,9 @@ def read_groups(
         t = arrays["t"][:, 0]
         if notes is not None and t[row] == t[row - 1]:
             interval = (t[-1] - t[0]) / max(len(t) - 1, 1)
-            mend = f"write more digits, or, of evenly spaced rows: --map t={ROW_COLUMN}*{interval:.6g}"
+            mend = (
+                f"write more digits, or, of evenly spaced rows: --map t={ROW_COLUMN}*{interval:.6g}"
+            )
         raise LogError(table.place(int(kept[row]), present["t"].column), what, mend)
     return arrays
 
@@ -208,7 +251,9 @@ def _select_whole_rows(
     most = 0 if notes is None else _LOST * count
     said = [] if notes is None else notes
     if len(full) < count:
-        column, row = min(((c, int(np.argmax(x))) for c, x in missing.items() if x.any()), key=lambda one: one[1])
+        column, row = min(
+            ((c, int(np.argmax(x))) for c, x in missing.items() if x.any()), key=lambda one: one[1]
+        )
         place = table.place(row, column)
         lack = f"{count - len(full)} of {count} rows lack a value"
         if count - len(full) > most:
@@ -218,18 +263,24 @@ def _select_whole_rows(
     twice = find_repeated_rows({column: values[full] for column, values in raw.items()})
     if 0 < np.sum(twice) <= most:
         place = table.place(int(full[twice][0]), time.column)
-        said.append(f"{place}: {np.sum(twice)} of {count} rows repeat the row before, its time too, and are left out")
+        said.append(
+            f"{place}: {np.sum(twice)} of {count} rows repeat the row before, its time too, and are left out"
+        )
         full = full[~twice]
     stays = np.flatnonzero(np.diff(raw[time.column][full]) * time.factor < LEAST_INTERVAL)
     begin = int(stays[-1]) + 1 if len(stays) else 0
     if 0 < begin <= most:
         place = table.place(int(full[begin]), time.column)
-        said.append(f"{place}: time goes on from here; what stands before, {begin} of {count} rows, is left out")
+        said.append(
+            f"{place}: time goes on from here; what stands before, {begin} of {count} rows, is left out"
+        )
         full = full[begin:]
     return full
 
 
-def _check_header(table: ColumnTable, groups: Mapping[str, Group], present: Mapping[str, Source]) -> None:
+def _check_header(
+    table: ColumnTable, groups: Mapping[str, Group], present: Mapping[str, Source]
+) -> None:
     """Raise `LogError` unless sources exist once, required groups are there, and no group is there in part.
 
     `DataError` where torques alone are missing, and every column is something else.
@@ -238,20 +289,32 @@ def _check_header(table: ColumnTable, groups: Mapping[str, Group], present: Mapp
         count = table.columns.count(source.column)
         if count == 0 and source.column != ROW_COLUMN:
             have = quote_names(table.columns)
-            what = f"has no column '{source.column}', which {source.place} names (its columns: {have})"
+            what = (
+                f"has no column '{source.column}', which {source.place} names (its columns: {have})"
+            )
             raise LogError(table.name, what, "map from a column that is there")
         if count > 1:
-            raise LogError(table.name, f"has {count} columns '{source.column}'", "rename all but one in the header")
-    missing = [c for group in groups.values() if group.required for c in group.columns if c not in present]
+            raise LogError(
+                table.name,
+                f"has {count} columns '{source.column}'",
+                "rename all but one in the header",
+            )
+    missing = [
+        c for group in groups.values() if group.required for c in group.columns if c not in present
+    ]
     left = set(table.columns) - {source.column for source in present.values()}
     if missing and not left and all(group.columns[0].startswith("tau_") for group in groups.values()
                                     if group.required and set(group.columns) & {*missing}):  # fmt: skip
         mend = "record the torque or current that the drives report"
-        raise DataError(table.name, "holds how the joints move, and no torque that moves them", mend)
+        raise DataError(
+            table.name, "holds how the joints move, and no torque that moves them", mend
+        )
     if missing:
         what = f"has no column {quote_names(missing)} (its columns: {quote_names(table.columns)})"
         mend = f"name the columns so, or map them: --map {missing[0]}=COLUMN[*FACTOR]"
-        error = MissingColumnsError(table.name, what, mend + f" or t={ROW_COLUMN}*SECONDS" * (missing[0] == "t"))
+        error = MissingColumnsError(
+            table.name, what, mend + f" or t={ROW_COLUMN}*SECONDS" * (missing[0] == "t")
+        )
         error.missing = tuple(missing)
         raise error
     for group in groups.values():

@@ -86,7 +86,14 @@ class CsvTable:
         line = self.first
         start = 0
         size = len(self.body) if b'"' in self.body else BLOCK
-        bar = tqdm(desc=visible(self.name), total=len(self.body), unit="B", unit_scale=True, delay=2, disable=None)
+        bar = tqdm(
+            desc=visible(self.name),
+            total=len(self.body),
+            unit="B",
+            unit_scale=True,
+            delay=2,
+            disable=None,
+        )
         with bar:
             while start < len(self.body):
                 end = self.body.find(b"\n", start + size) + 1 or len(self.body)
@@ -101,9 +108,17 @@ class CsvTable:
                 start = end
                 line = line + body.count(b"\n")
         if not arrays:
-            raise LogError(f"{self.name}:{self.first}", "has a header but no rows", "give a file with samples")
-        whole = {column: np.concatenate([array[place] for array in arrays]) for column, place in index.items()}
-        return {column: unwrap_midnight(x) if index[column] in self.stamps else x for column, x in whole.items()}
+            raise LogError(
+                f"{self.name}:{self.first}", "has a header but no rows", "give a file with samples"
+            )
+        whole = {
+            column: np.concatenate([array[place] for array in arrays])
+            for column, place in index.items()
+        }
+        return {
+            column: unwrap_midnight(x) if index[column] in self.stamps else x
+            for column, x in whole.items()
+        }
 
     def _plain(self, body: bytes) -> bytes:
         """Return rows without comments, with tabs where spaces stand between the values."""
@@ -129,7 +144,9 @@ class CsvTable:
             what = f"are not the CSV that they seem ({error})"
             raise LogError(place, what, "write one row of plain numbers a line") from error
         if self.date in places:
-            values |= {place: values[self.date] + x for place, x in values.items() if place in self._clocks}
+            values |= {
+                place: values[self.date] + x for place, x in values.items() if place in self._clocks
+            }
         return values
 
     @property
@@ -145,9 +162,14 @@ class CsvTable:
         import pandas
 
         exact = (
-            {} if tuple(map(int, pandas.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
+            {}
+            if tuple(map(int, pandas.__version__.split(".")[:2])) >= (3, 1)
+            else {"float_precision": "round_trip"}
         )
-        types = {place: object if texts or place in self.stamps else np.float64 for place in sorted(places)}
+        types = {
+            place: object if texts or place in self.stamps else np.float64
+            for place in sorted(places)
+        }
         return pandas.read_csv(
             io.BytesIO(self._plain(self.body) if texts else self.body),
             sep=self.separator,
@@ -157,7 +179,11 @@ class CsvTable:
             dtype=types,
             decimal=self.decimal,
             keep_default_na=False,
-            na_values={place: ["", "nan", "NaN", "NAN"] for place, kind in types.items() if kind is np.float64},
+            na_values={
+                place: ["", "nan", "NaN", "NAN"]
+                for place, kind in types.items()
+                if kind is np.float64
+            },
             skipinitialspace=True,
             encoding_errors="replace",
             low_memory=False,
@@ -172,7 +198,9 @@ class CsvTable:
 
     def _records(self) -> Iterator[tuple[int, list[str]]]:
         """Yield (line number, fields) of every row that is not blank. Slow: for finding the place of an error."""
-        text = io.TextIOWrapper(io.BytesIO(self._plain(self.body)), encoding="utf-8", errors="replace", newline="")
+        text = io.TextIOWrapper(
+            io.BytesIO(self._plain(self.body)), encoding="utf-8", errors="replace", newline=""
+        )
         reader = csv.reader(text, delimiter=self.separator, skipinitialspace=True)
         line = self.first
         try:
@@ -181,14 +209,18 @@ class CsvTable:
                     yield line, fields
                 line = self.first + reader.line_num
         except csv.Error as error:
-            raise LogError(f"{self.name}:{line}", f"is not CSV ({error})", "mend the quotes there") from error
+            raise LogError(
+                f"{self.name}:{line}", f"is not CSV ({error})", "mend the quotes there"
+            ) from error
 
     def _check(self, index: Mapping[str, int]) -> None:
         """Raise `LogError` at the first row of another width than the header or with a flaw in the columns `index`."""
         width = len(self.columns)
         for line, fields in self._records():
             if len(fields) < width or any(field.strip() for field in fields[width:]):
-                mend = "quote or delete the surplus" + "; decimal commas must be points" * (self.separator == ",")
+                mend = "quote or delete the surplus" + "; decimal commas must be points" * (
+                    self.separator == ","
+                )
                 if len(fields) < width:
                     mend = "complete the row, or delete it (a recording that was cut off ends so)"
                 what = f"has {len(fields)} values under {width} column names"
@@ -254,7 +286,9 @@ def read_header(name: str, data: bytes) -> CsvTable | None:
     (separator, fields) = rows[k]
     if len(fields) < 2:
         place = f"{name}:{line.number}"
-        raise LogError(place, "has one column only", "separate columns by commas, semicolons or tabs")
+        raise LogError(
+            place, "has one column only", "separate columns by commas, semicolons or tabs"
+        )
     spaced = separator == " "
     first = line.number
     start = line.start
@@ -279,7 +313,11 @@ def read_header(name: str, data: bytes) -> CsvTable | None:
             names = [f"column{i + 1}" for i in range(len(fields))]
     stamps = tuple(i for i, field in enumerate(sample[: len(names)]) if is_stamp(field))
     dates = [i for i in stamps if is_date(sample[i])]
-    notes = (f"{name}: lines 1 to {line.number - 1} stand before the table and are left out",) if k else ()
+    notes = (
+        (f"{name}: lines 1 to {line.number - 1} stand before the table and are left out",)
+        if k
+        else ()
+    )
     return CsvTable(
         name,
         tuple(names),
@@ -287,7 +325,9 @@ def read_header(name: str, data: bytes) -> CsvTable | None:
         data[start:],
         first,
         spaced,
-        "," if separator != "," and _DECIMAL_COMMA.search(data, start, start + LONGEST_LINE) else ".",
+        ","
+        if separator != "," and _DECIMAL_COMMA.search(data, start, start + LONGEST_LINE)
+        else ".",
         stamps,
         dates[0] if 0 < len(dates) < len(stamps) else -1,
         notes,
@@ -347,7 +387,11 @@ def _find_header(rows: Sequence[tuple[str, list[str]]]) -> int:
         below = rows[k + 1][1]
         if k + 2 < len(rows) and all(_UNIT.fullmatch(field) for field in below):
             below = rows[k + 2][1]
-        if width < 2 or width != len(below) - (below[-1] == "") or sum(map(_is_value, filter(None, below))) < 2:
+        if (
+            width < 2
+            or width != len(below) - (below[-1] == "")
+            or sum(map(_is_value, filter(None, below))) < 2
+        ):
             continue
         named = not any(_is_value(field) for field in fields if field)
         if k == 0 or named or all(len(above) < 2 or mark != separator for mark, above in rows[:k]):
@@ -364,7 +408,12 @@ def _list_echoed_columns(fields: Sequence[str]) -> list[str]:
     known = fields[3 : 3 + count]
     numbers = fields[3 + count :]
     stamped = all(field.isdecimal() for field in fields[:2])
-    if not (count and stamped and all(map(_is_value, numbers)) and len(numbers) in (count, 2 * count, 3 * count)):
+    if not (
+        count
+        and stamped
+        and all(map(_is_value, numbers))
+        and len(numbers) in (count, 2 * count, 3 * count)
+    ):
         return []
     if any(map(_is_value, known)):
         return []
@@ -379,7 +428,9 @@ def _list_echoed_columns(fields: Sequence[str]) -> list[str]:
 
 def _is_value(field: str) -> bool:
     """Whether a field is a number, with a decimal point or comma, a time, or empty."""
-    return not field or any(_parse_number(field, mark) is not None for mark in ".,") or is_stamp(field)
+    return (
+        not field or any(_parse_number(field, mark) is not None for mark in ".,") or is_stamp(field)
+    )
 
 
 def _read_units_line(line: str, separator: str, width: int) -> list[str]:
@@ -388,7 +439,11 @@ def _read_units_line(line: str, separator: str, width: int) -> list[str]:
     STorM32's loggers write one below the names, ``[ms] [deg]``, and many others ``s,rad,N m``.
     """
     fields = _split_fields(line, separator)
-    if len(fields) != width or not all(_UNIT.fullmatch(field) for field in fields) or not any(fields):
+    if (
+        len(fields) != width
+        or not all(_UNIT.fullmatch(field) for field in fields)
+        or not any(fields)
+    ):
         return []
     units = [field.strip("[]()- ") for field in fields]
     return ["" if unit in ("int", "uint", "hex") else unit for unit in units]
@@ -396,7 +451,9 @@ def _read_units_line(line: str, separator: str, width: int) -> list[str]:
 
 def _add_unit(name: str, unit: str) -> str:
     """Return a column's name with its unit: ``pitch_deg``, ``pitch [deg/s]``; a log's own column in SI stays."""
-    if not unit or (_SI_COLUMN.fullmatch(name) and unit in ("s", "rad", "rad/s", "Nm", "N m", "N·m", "°C")):
+    if not unit or (
+        _SI_COLUMN.fullmatch(name) and unit in ("s", "rad", "rad/s", "Nm", "N m", "N·m", "°C")
+    ):
         return name
     return f"{name}_{unit}" if re.fullmatch(r"\w+", unit) else f"{name} [{unit}]"
 
@@ -404,7 +461,9 @@ def _add_unit(name: str, unit: str) -> str:
 def _check_length(place: str, length: int) -> None:
     """Raise `LogError` for a line of more bytes than a row of numbers may have."""
     if length > LONGEST_LINE:
-        raise LogError(place, f"has a line of {length / 1e6:.3g} MB", "write one row of plain numbers a line")
+        raise LogError(
+            place, f"has a line of {length / 1e6:.3g} MB", "write one row of plain numbers a line"
+        )
 
 
 def _split_fields(line: str, separator: str) -> list[str]:
@@ -448,9 +507,15 @@ def write_csv(columns: Mapping[str, Array], path: Path, separator: str = ",") ->
     """Write columns of equal length, the numbers in the shortest form that reads back exactly; whole or not at all."""
     header = separator.join(map(_quote_name, columns))
     values = np.column_stack(list(columns.values()))
-    with open_replacement(path) as new, wrap_os_errors(path), new.open("w", encoding="utf-8", newline="") as file:
+    with (
+        open_replacement(path) as new,
+        wrap_os_errors(path),
+        new.open("w", encoding="utf-8", newline="") as file,
+    ):
         file.write(f"{header}\n")
-        for part in np.array_split(values, len(values) // 2**14 + 1):  # Python's numbers take four times the memory
+        for part in np.array_split(
+            values, len(values) // 2**14 + 1
+        ):  # Python's numbers take four times the memory
             file.writelines(separator.join(map(repr, row)) + "\n" for row in part.tolist())
 
 

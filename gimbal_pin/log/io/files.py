@@ -108,23 +108,36 @@ def write_run(
         for name, write in writers.items():
             write(staged / name)
         files = {name: hash_file(staged / name) for name in writers}
-        about = {"schema": 1, **run, "version": __version__, "time": datetime.now(timezone.utc).isoformat()}
+        about = {
+            "schema": 1,
+            **run,
+            "version": __version__,
+            "time": datetime.now(timezone.utc).isoformat(),
+        }
         write_json({**about, "files": files}, staged / RUN_FILE)
         with wrap_os_errors(path):
             older = {name: found for name, found in read_run(folder).items() if name not in writers}
-            changed = [name for name, found in older.items() if hash_file(folder / name) not in (found, "")]
+            changed = [
+                name for name, found in older.items() if hash_file(folder / name) not in (found, "")
+            ]
             for name in (RUN_FILE, *(older.keys() - set(changed))):
                 (folder / name).unlink(missing_ok=True)
             for name in (*writers, RUN_FILE):
                 move_into_place(staged / name, folder / name)
-    return tuple(f"{folder / name} is of an earlier run, but was changed since: it stays" for name in changed)
+    return tuple(
+        f"{folder / name} is of an earlier run, but was changed since: it stays" for name in changed
+    )
 
 
 def read_run(folder: Path) -> Mapping[str, str]:
     """Return name → SHA-256 of the files that a folder's `RUN_FILE` lists; none where there is no such file of ours."""
     try:
         found = json.loads(read_bytes(folder / RUN_FILE, most=LARGEST_TEXT))["files"]
-        return {name: str(of) for name, of in found.items() if Path(name).name == name and name != RUN_FILE}
+        return {
+            name: str(of)
+            for name, of in found.items()
+            if Path(name).name == name and name != RUN_FILE
+        }
     except (UsageError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return {}
 
@@ -145,7 +158,11 @@ def check_target(target: Path, place: str) -> None:
     if target.is_dir():
         raise UsageError(place, "is a folder", "name a file in it")
     if not target.parent.is_dir():
-        raise UsageError(place, f"lies in a folder that does not exist ({target.parent})", "create the folder first")
+        raise UsageError(
+            place,
+            f"lies in a folder that does not exist ({target.parent})",
+            "create the folder first",
+        )
     if target.exists() and not os.access(target, os.W_OK):
         raise UsageError(place, "is write-protected", "name another file")
 
@@ -154,7 +171,9 @@ def check_folder(folder: Path, place: str) -> None:
     """Raise `UsageError` unless `folder` is one that can be written to, or can be made."""
     there = next(one for one in (folder, *folder.absolute().parents) if os.path.lexists(one))
     if not there.is_dir():
-        raise UsageError(place, f"would be a folder where {there.name} is a file", "name another place")
+        raise UsageError(
+            place, f"would be a folder where {there.name} is a file", "name another place"
+        )
     if not os.access(there, os.W_OK | os.X_OK):
         raise UsageError(place, "is write-protected", "name another folder")
 
@@ -170,7 +189,9 @@ def check_run(folder: Path, files: Iterable[Path], place: str) -> None:
         if file.name not in ours:
             raise UsageError(place, f"holds {file.name}, which is of no earlier run", mend)
         if hash_file(file) != ours[file.name]:
-            raise UsageError(place, f"holds {file.name}, which was changed after the run that wrote it", mend)
+            raise UsageError(
+                place, f"holds {file.name}, which was changed after the run that wrote it", mend
+            )
 
 
 def move_into_place(temporary: Path, target: Path, special: bool = False) -> None:
@@ -190,7 +211,9 @@ def wrap_os_errors(path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise UsageError(str(path), f"cannot be written ({error.strerror})", "choose a place that can") from error
+        raise UsageError(
+            str(path), f"cannot be written ({error.strerror})", "choose a place that can"
+        ) from error
 
 
 def atomic_write(path: str | Path, content: str | bytes) -> None:
@@ -214,7 +237,9 @@ def make_folder(path: str | Path) -> Path:
 
 def write_yaml(value: object, path: str | Path) -> None:
     """Write `to_plain(value)` as YAML, keys in the order given, numbers exact: `read_yaml` returns what was written."""
-    text = yaml.safe_dump(to_plain(value), sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+    text = yaml.safe_dump(
+        to_plain(value), sort_keys=False, allow_unicode=True, default_flow_style=None, width=120
+    )
     atomic_write(path, text)
 
 
@@ -223,7 +248,10 @@ def to_json(value: object, indent: int | None = 2) -> str:
 
     Without an indent it is one line. What a terminal would obey is escaped as JSON does it.
     """
-    text = json.dumps(to_plain(value, finite=True), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+    text = (
+        json.dumps(to_plain(value, finite=True), indent=indent, ensure_ascii=False, allow_nan=False)
+        + "\n"
+    )
     return UNSAFE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
@@ -249,7 +277,9 @@ def to_plain(value: object, *, finite: bool = False) -> Any:
     if isinstance(value, (list, tuple)):
         return [to_plain(entry, finite=finite) for entry in value]
     if isinstance(value, (str, Path)):
-        return str(value).encode("utf-8", "backslashreplace").decode()  # a file's name may hold what is no character
+        return (
+            str(value).encode("utf-8", "backslashreplace").decode()
+        )  # a file's name may hold what is no character
     if isinstance(value, float) and finite and not math.isfinite(value):
         return None
     if value is None or isinstance(value, (bool, int, float)):

@@ -14,8 +14,21 @@ from typing import BinaryIO
 
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io import split_payload, to_log
-from gimbal_pin.log.io.columns import Group, list_links, make_log_groups, read_groups, resolve_mapping
-from gimbal_pin.log.io.csv import BLOCK, COMMENT_LINE, LONGEST_LINE, CsvTable, decode_utf8, read_header
+from gimbal_pin.log.io.columns import (
+    Group,
+    list_links,
+    make_log_groups,
+    read_groups,
+    resolve_mapping,
+)
+from gimbal_pin.log.io.csv import (
+    BLOCK,
+    COMMENT_LINE,
+    LONGEST_LINE,
+    CsvTable,
+    decode_utf8,
+    read_header,
+)
 from gimbal_pin.log.io.link import follow_link, is_link
 from gimbal_pin.log.io.readers import FORMATS, GROWING
 from gimbal_pin.log.log import Array, Log
@@ -50,7 +63,11 @@ def follow(path: str, rig: Rig, mapping: Entries = (), *, idle: float = inf) -> 
             raise UsageError(name, what, "write its times")
         data, error = _read_usable(table, groups, sources)
         if data is not None:
-            said = [line.decode()[1:].strip() for line in COMMENT_LINE.findall(table.body)] if is_link(path) else []
+            said = (
+                [line.decode()[1:].strip() for line in COMMENT_LINE.findall(table.body)]
+                if is_link(path)
+                else []
+            )
             yield to_log(data, table.name, rig, links, payload, sources, said)
         if error is not None:
             raise error
@@ -130,8 +147,14 @@ def _read_growing(path: Path, idle: float) -> Iterator[bytes]:
                 yield part
             elif waited >= idle or not (grows or unwritten):
                 return
-            if grows and file.seekable() and os.fstat(file.fileno()).st_size < os.lseek(file.fileno(), 0, os.SEEK_CUR):
-                raise LogError(str(path), "became shorter while it was followed", "follow the new file")
+            if (
+                grows
+                and file.seekable()
+                and os.fstat(file.fileno()).st_size < os.lseek(file.fileno(), 0, os.SEEK_CUR)
+            ):
+                raise LogError(
+                    str(path), "became shorter while it was followed", "follow the new file"
+                )
             if len(part) < BLOCK:
                 time.sleep(0.05)  # to read row by row would cost more than to identify from it
                 waited += 0.05

@@ -21,7 +21,9 @@ _FIELD = re.compile(r"(?:.*\.)?(name|position|velocity|effort)\[?(\d+)\]?")
 _STAMPS = re.compile(r"(?:.*\.)?header\.stamp")
 
 
-def list_joint_values(names: Sequence[str], fields: dict[str, Sequence[Any]]) -> Iterator[tuple[str, Any]]:
+def list_joint_values(
+    names: Sequence[str], fields: dict[str, Sequence[Any]]
+) -> Iterator[tuple[str, Any]]:
     """Yield column and value of one message: its names, and field → a value per name, or fewer."""
     for field, prefix in JOINT_STATE_FIELDS.items():
         yield from ((f"{prefix}_{joint}", x) for joint, x in zip(names, fields.get(field, ())))
@@ -34,7 +36,11 @@ def is_command(topic: str) -> bool:
 
 def drop_empty_columns(stream: Stream) -> Stream:
     """Return a stream without the columns that hold no number at all, as efforts that a drive does not report."""
-    kept = {name: x for name, x in stream.columns.items() if name == stream.time or not np.isnan(x).all()}
+    kept = {
+        name: x
+        for name, x in stream.columns.items()
+        if name == stream.time or not np.isnan(x).all()
+    }
     return Stream(stream.time, kept)
 
 
@@ -48,7 +54,10 @@ def choose_names(streams: Sequence[tuple[str, Sequence[str]]]) -> list[tuple[str
         streams: Topic and columns of each.
     """
     counts = Counter(name for _, columns in streams for name in columns)
-    ranks = [(not is_command(topic), len({name.split("_")[0] for name in columns})) for topic, columns in streams]
+    ranks = [
+        (not is_command(topic), len({name.split("_")[0] for name in columns}))
+        for topic, columns in streams
+    ]
     topics = Counter(topic for topic, _ in streams)
     chosen = list[tuple[str, dict[str, str]]]()
     for k, (topic, columns) in enumerate(streams):
@@ -56,7 +65,9 @@ def choose_names(streams: Sequence[tuple[str, Sequence[str]]]) -> list[tuple[str
         names = {}
         for name in columns:
             rivals = [rank for j, rank in enumerate(ranks) if j != k and name in streams[j][1]]
-            alone = counts[name] == 1 or (not name.startswith(topic) and all(ranks[k] > rank for rank in rivals))
+            alone = counts[name] == 1 or (
+                not name.startswith(topic) and all(ranks[k] > rank for rank in rivals)
+            )
             own = label + name.removeprefix(topic) if name.startswith(topic) else f"{label}.{name}"
             names[name] = name if alone else own
         chosen.append((label, names))
@@ -82,7 +93,9 @@ def open_topic_echo(table: CsvTable) -> ColumnTable:
         return table
     stamps = [k for k, column in enumerate(table.columns) if _STAMPS.match(column)] or [0]
     try:
-        texts = table.parse({0, *stamps, *(place for group in places.values() for place in group)}, texts=True)
+        texts = table.parse(
+            {0, *stamps, *(place for group in places.values() for place in group)}, texts=True
+        )
         t = _to_seconds(texts[stamps].to_numpy(dtype=np.float64))
         if not t.any():  # nobody stamped the messages: the first column is when they came
             t = _to_seconds(texts[[0]].to_numpy(dtype=np.float64))
@@ -92,14 +105,20 @@ def open_topic_echo(table: CsvTable) -> ColumnTable:
             if field != "name" and len(group) == len(names)
         }
     except ValueError as error:
-        raise LogError(table.name, f"holds a value that is no number ({error})", "record the topic again") from error
+        raise LogError(
+            table.name, f"holds a value that is no number ({error})", "record the topic again"
+        ) from error
     orders = list(map(tuple, texts[names].to_numpy(dtype=str).tolist()))
     messages = list[dict[str, float]]()
     for row, order in enumerate(orders):
         if "" in order or len(set(order)) < len(order):
             where = f"{table.name}:{table.first + row}"
-            raise LogError(where, f"names the joints {', '.join(order)}", "give each joint a name of its own")
-        messages.append(dict(list_joint_values(order, {field: x[row] for field, x in values.items()})))
+            raise LogError(
+                where, f"names the joints {', '.join(order)}", "give each joint a name of its own"
+            )
+        messages.append(
+            dict(list_joint_values(order, {field: x[row] for field, x in values.items()}))
+        )
     sets = [",".join(sorted(order)) for order in orders]
     streams = list[Stream]()
     for k, (_, rows) in enumerate(pandas.DataFrame(messages).groupby(np.array(sets), sort=False)):
@@ -109,6 +128,8 @@ def open_topic_echo(table: CsvTable) -> ColumnTable:
     return make_table(table.name, streams, [])
 
 
-def _to_seconds(stamps: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _to_seconds(
+    stamps: np.ndarray[Any, np.dtype[np.float64]],
+) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return times, s, of stamps in ns, (N, 1), or in s and ns, (N, 2)."""
     return stamps[:, 0] * 1e-9 if stamps.shape[1] == 1 else stamps[:, 0] + stamps[:, 1] * 1e-9

@@ -13,7 +13,14 @@ import numpy as np
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.io.joint_states import JOINT_STATE_FIELDS, list_joint_values
 from gimbal_pin.log.io.stamps import is_stamp, parse_stamps
-from gimbal_pin.log.io.tables import DEEPEST_NESTING, WIDEST_ARRAY, ColumnTable, Stream, group_streams, make_table
+from gimbal_pin.log.io.tables import (
+    DEEPEST_NESTING,
+    WIDEST_ARRAY,
+    ColumnTable,
+    Stream,
+    group_streams,
+    make_table,
+)
 from gimbal_pin.rig.reading import read_bytes
 
 _LARGEST_JSON = 2**28
@@ -39,7 +46,9 @@ def open_json(path: Path) -> ColumnTable:
             f"{path}:{error.lineno}", f"is not JSON ({error.msg})", "write it again, or correct it"
         ) from error
     except RecursionError as error:
-        raise LogError(str(path), "is nested too deep", "give a list of records, or of values by column") from error
+        raise LogError(
+            str(path), "is nested too deep", "give a list of records, or of values by column"
+        ) from error
     columns = _to_columns(value)
     streams, left = group_streams(columns if isinstance(columns, dict) else {"": columns})
     return make_table(str(path), _strip_container(streams), [*notes, *left])
@@ -60,7 +69,9 @@ def _parse(text: str) -> tuple[Any, list[str]]:
         except json.JSONDecodeError as error:
             if number == len(lines):
                 return values, [f"line {number} is cut off and left out"]
-            raise json.JSONDecodeError(f"line {number}: {error.msg}", text, text.find(line)) from error
+            raise json.JSONDecodeError(
+                f"line {number}: {error.msg}", text, text.find(line)
+            ) from error
     return values, []
 
 
@@ -84,17 +95,27 @@ def _stack_records(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
     table = pandas.DataFrame([dict(_flatten(record)) for record in records], dtype=object)
     arrays = {name: _to_array(table[name].tolist()) for name in table}
-    return {name: array for name, array in arrays.items() if array is not None and not np.isnan(array).all()}
+    return {
+        name: array
+        for name, array in arrays.items()
+        if array is not None and not np.isnan(array).all()
+    }
 
 
 def _flatten(value: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
     """Yield ``key.key`` and ``key[k]`` of the numbers and texts in a record."""
     if isinstance(value, dict) and depth < DEEPEST_NESTING:
         for whole, fraction in _SECONDS_AND_NANOSECONDS:
-            if {whole, fraction} == value.keys() and all(isinstance(x, (int, float)) for x in value.values()):
+            if {whole, fraction} == value.keys() and all(
+                isinstance(x, (int, float)) for x in value.values()
+            ):
                 yield name or "t", value[whole] + 1e-9 * value[fraction]
                 return
-        lists = {field: value[field] for field in ("name", *JOINT_STATE_FIELDS) if isinstance(value.get(field), list)}
+        lists = {
+            field: value[field]
+            for field in ("name", *JOINT_STATE_FIELDS)
+            if isinstance(value.get(field), list)
+        }
         is_state = bool(lists.get("name")) and "position" in lists
         if is_state:
             yield from list_joint_values(lists["name"], lists)
@@ -122,8 +143,14 @@ def _to_array(values: Sequence[Any]) -> np.ndarray[Any, Any] | None:
 
 def _strip_container(streams: Sequence[Stream]) -> list[Stream]:
     """Return streams without the name of the structure that all columns stand in, such as ``entries.``."""
-    heads = {name.partition(".")[0] if "." in name else "" for stream in streams for name in stream.columns}
+    heads = {
+        name.partition(".")[0] if "." in name else ""
+        for stream in streams
+        for name in stream.columns
+    }
     if len(heads) != 1 or heads == {""}:
         return list(streams)
     size = len(heads.pop()) + 1
-    return [Stream(s.time[size:], {name[size:]: x for name, x in s.columns.items()}) for s in streams]
+    return [
+        Stream(s.time[size:], {name[size:]: x for name, x in s.columns.items()}) for s in streams
+    ]

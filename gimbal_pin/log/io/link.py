@@ -146,17 +146,28 @@ def open_link(address: str) -> Iterator[LinkChannel]:
             mend = "install it with: pip install 'gimbal-pin[serial]'"
             raise UsageError(address, "needs pyserial, which is not installed", mend) from None
         with serial.Serial(
-            found["device"], int(found["baud"]), timeout=_READ_TIMEOUT, write_timeout=_HELLO_INTERVAL
+            found["device"],
+            int(found["baud"]),
+            timeout=_READ_TIMEOUT,
+            write_timeout=_HELLO_INTERVAL,
         ) as line:
             yield LinkChannel(address, lambda: line.read(max(1, line.in_waiting)), line.write)
-    except (OSError, OverflowError, ValueError) as error:  # pyserial's own are OSErrors, or of a baud rate that is none
-        raise LogError(address, f"cannot be reached ({error})", "see that the gimbal runs there") from error
+    except (
+        OSError,
+        OverflowError,
+        ValueError,
+    ) as error:  # pyserial's own are OSErrors, or of a baud rate that is none
+        raise LogError(
+            address, f"cannot be reached ({error})", "see that the gimbal runs there"
+        ) from error
 
 
 def _receive(udp: socket.socket) -> bytes:
     """Return a datagram; nothing where none came, or where nobody listens yet."""
     try:
-        return udp.recv(_LONGEST_FRAME) + b"\0"  # no frame goes on in another datagram: what is none ends here
+        return (
+            udp.recv(_LONGEST_FRAME) + b"\0"
+        )  # no frame goes on in another datagram: what is none ends here
     except TimeoutError:
         return b""
     except ConnectionRefusedError:
@@ -175,7 +186,9 @@ def receive_frames(channel: LinkChannel, idle: float = inf) -> Iterator[Frame | 
         now = time.monotonic()
         before = heard
         if now - greeted >= _HELLO_INTERVAL:
-            with suppress(ConnectionRefusedError):  # where nobody listens yet it is lost, as on a line
+            with suppress(
+                ConnectionRefusedError
+            ):  # where nobody listens yet it is lost, as on a line
                 channel.write(encode_frame(Frame(_HELLO, count, b"")))
             greeted = now
             count = count + 1
@@ -185,7 +198,9 @@ def receive_frames(channel: LinkChannel, idle: float = inf) -> Iterator[Frame | 
             if part and (frame := decode_frame(part)) is not None:
                 heard = now
                 yield frame
-        if heard == before and now - heard > idle:  # what came while the last frame was worked on has been read
+        if (
+            heard == before and now - heard > idle
+        ):  # what came while the last frame was worked on has been read
             break
         if now - paused >= _READ_TIMEOUT:
             paused = now
@@ -307,7 +322,9 @@ def follow_link(address: str, joints: Sequence[str], idle: float = inf) -> Itera
     """
     n = len(joints)
     queue = SampleQueue(address)
-    head = [",".join(["t", *(f"{kind}_{joint}" for kind in ("q", "dq", "tau") for joint in joints)])]
+    head = [
+        ",".join(["t", *(f"{kind}_{joint}" for kind in ("q", "dq", "tau") for joint in joints)])
+    ]
     with open_link(address) as channel:
         for frame in receive_frames(channel, idle):
             if frame is None:
@@ -321,6 +338,8 @@ def follow_link(address: str, joints: Sequence[str], idle: float = inf) -> Itera
                 time_us, lost, *values = struct.unpack(f"<QI{3 * n}f", frame.body)
                 queue.push(Sample(time_us, time.monotonic(), lost, tuple(values)))
     if queue.is_empty:
-        raise LogError(address, f"sent no two samples within {idle:g} s", "see that the gimbal runs there")
+        raise LogError(
+            address, f"sent no two samples within {idle:g} s", "see that the gimbal runs there"
+        )
     if rows := queue.release(is_last=True):
         yield "\n".join([*head, *rows, ""]).encode()

@@ -27,7 +27,14 @@ def read_tlog(path: Path) -> tuple[list[Stream], list[str]]:
     from pymavlink.dialects.v20.ardupilotmega import MAVError, MAVLink
 
     factors = {"deg": pi / 180, "cdeg": pi / 18000, "deg/s": pi / 180, "ms": 1e-3, "us": 1e-6}
-    factors |= {"mrad/s": 1e-3, "mG": 9.80665e-3, "cm/s": 1e-2, "mm": 1e-3, "cm": 1e-2, "degE7": pi / 180e7}
+    factors |= {
+        "mrad/s": 1e-3,
+        "mG": 9.80665e-3,
+        "cm/s": 1e-2,
+        "mm": 1e-3,
+        "cm": 1e-2,
+        "degE7": pi / 180e7,
+    }
     content = read_bytes(path, LogError)
     link = MAVLink(None)
     at = 0
@@ -48,7 +55,10 @@ def read_tlog(path: Path) -> tuple[list[Stream], list[str]]:
         damaged = damaged or start != at + 8
         at = end
         clock = next((key for key in ("time_boot_ms", "time_usec") if key in fields), None)
-        if clock is None or (seconds := fields[clock] * (1e-3 if clock == "time_boot_ms" else 1e-6)) > 1e9:
+        if (
+            clock is None
+            or (seconds := fields[clock] * (1e-3 if clock == "time_boot_ms" else 1e-6)) > 1e9
+        ):
             continue  # by the calendar: no clock that the others have
         device = fields[message.instance_field] if message.instance_field else None
         key = (message.get_type(), message.get_srcSystem(), message.get_srcComponent(), device)
@@ -67,5 +77,11 @@ def read_tlog(path: Path) -> tuple[list[Stream], list[str]]:
         seen[kind] += 1
         label = kind if seen[kind] == 1 else f"{kind}#{seen[kind]}"
         _, rows = np.unique(np.array(columns["t"]), return_index=True)
-        streams.append(Stream(f"{label}.t", {f"{label}.{name}": np.array(x)[rows] for name, x in columns.items()}))
-    return streams, ["is damaged: what could be read of it is used"] if damaged or at < len(content) else []
+        streams.append(
+            Stream(
+                f"{label}.t", {f"{label}.{name}": np.array(x)[rows] for name, x in columns.items()}
+            )
+        )
+    return streams, ["is damaged: what could be read of it is used"] if damaged or at < len(
+        content
+    ) else []

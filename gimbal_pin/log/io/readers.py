@@ -27,7 +27,12 @@ from gimbal_pin.errors import GimbalPinError, LogError, UsageError
 from gimbal_pin.log.io.candump import CANDUMP_MAGIC, open_candump
 from gimbal_pin.log.io.csv import GZIP_MAGIC, open_csv, write_csv
 from gimbal_pin.log.io.files import open_replacement, wrap_os_errors
-from gimbal_pin.log.io.joint_states import choose_names, drop_empty_columns, list_joint_values, open_topic_echo
+from gimbal_pin.log.io.joint_states import (
+    choose_names,
+    drop_empty_columns,
+    list_joint_values,
+    open_topic_echo,
+)
 from gimbal_pin.log.io.json_log import open_json
 from gimbal_pin.log.io.mavlink import read_tlog
 from gimbal_pin.log.io.tables import (
@@ -44,12 +49,23 @@ from gimbal_pin.log.io.tables import (
 )
 from gimbal_pin.log.log import PAUSE, Array
 from gimbal_pin.rig.bounded import ProcessStopped, run_bounded
-from gimbal_pin.rig.reading import LARGEST_LOG, check_size, read_beginning, read_bytes, read_yaml, wrap_read_errors
+from gimbal_pin.rig.reading import (
+    LARGEST_LOG,
+    check_size,
+    read_beginning,
+    read_bytes,
+    read_yaml,
+    wrap_read_errors,
+)
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _BAG_SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
 """How a bag's file begins → the suffix that rosbags knows it by."""
-_IMU_MESSAGE_COLUMNS = {"angular_velocity": "gyro", "linear_acceleration": "accel", "orientation": "quat"}
+_IMU_MESSAGE_COLUMNS = {
+    "angular_velocity": "gyro",
+    "linear_acceleration": "accel",
+    "orientation": "quat",
+}
 _LARGEST_MESSAGE = 2**16
 """Largest message of a bag that is read, bytes: pictures and clouds of points are larger, a drive's are not."""
 _EXACT_NANOSECONDS = 2**53
@@ -60,9 +76,26 @@ _READER_SECONDS, _READER_RATE = 20.0, 5e5
 """Processor time of a reading process, s, of the smallest file, and the bytes beyond for which it may take another
 second: bags of JointState and Imu messages pass at 6 MB/s, MATLAB files at 4 MB/s (2.5 GHz, start of the process
 included)."""
-_NPY_DAMAGE = (ValueError, TypeError, SyntaxError, TokenError, MemoryError, RecursionError, OverflowError, LookupError)
+_NPY_DAMAGE = (
+    ValueError,
+    TypeError,
+    SyntaxError,
+    TokenError,
+    MemoryError,
+    RecursionError,
+    OverflowError,
+    LookupError,
+)
 """What NumPy raises of a header that is none: it reads one as Python's text."""
-_NPZ_DAMAGE = (*_NPY_DAMAGE, zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError)
+_NPZ_DAMAGE = (
+    *_NPY_DAMAGE,
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    EOFError,
+    OSError,
+    RuntimeError,
+)
 
 Streams = tuple[list[Stream], list[str]]
 """What was sampled together, and notes."""
@@ -76,7 +109,11 @@ def open_table(path: Path) -> ColumnTable:
         UsageError: No format is known that begins so, nor one of the suffix; or a file to be joined has no times.
     """
     tables = [_open_file(file) for file in files_of(path)]
-    return tables[0] if len(tables) == 1 else JoinedTable(str(path), tables, [find_time(table) for table in tables])
+    return (
+        tables[0]
+        if len(tables) == 1
+        else JoinedTable(str(path), tables, [find_time(table) for table in tables])
+    )
 
 
 def files_of(path: str | Path) -> list[Path]:
@@ -94,7 +131,11 @@ def is_log(path: Path) -> bool:
 def format_of(path: Path) -> Format:
     """Return the format of a path's suffix; `UsageError` lists the known ones."""
     if (suffix := path.suffix.lower()) not in FORMATS:
-        what = f"has the suffix '{suffix}', of no known format" if suffix else "has no suffix to tell its format by"
+        what = (
+            f"has the suffix '{suffix}', of no known format"
+            if suffix
+            else "has no suffix to tell its format by"
+        )
         raise UsageError(str(path), what, f"use one of {', '.join(FORMATS)}")
     return FORMATS[suffix]
 
@@ -106,7 +147,9 @@ def _open_file(path: Path) -> ColumnTable:
     if (path / "meta" / "info.json").is_file():
         return _open_lerobot(path)
     head = read_beginning(path, 16)  # of what cannot be read its reader says why
-    begun = next((form for form in FORMATS.values() if form.magic and head.startswith(form.magic)), None)
+    begun = next(
+        (form for form in FORMATS.values() if form.magic and head.startswith(form.magic)), None
+    )
     return (begun or format_of(path)).open(path)
 
 
@@ -125,8 +168,14 @@ def _open_npy(path: Path) -> ColumnTable:
         return make_table(str(path), *group_streams({"": values}))
     if values.ndim != 2:
         shape = f"has {values.ndim} dimension{'' if values.ndim == 1 else 's'}"
-        raise LogError(str(path), shape, "save a table of a row per sample, a record array, or an .npz of names")
-    return make_table(str(path), [Stream("", {f"c{k}": column for k, column in enumerate(values.T)})], [])
+        raise LogError(
+            str(path),
+            shape,
+            "save a table of a row per sample, a record array, or an .npz of names",
+        )
+    return make_table(
+        str(path), [Stream("", {f"c{k}": column for k, column in enumerate(values.T)})], []
+    )
 
 
 def _open_npz(path: Path) -> ColumnTable:
@@ -138,11 +187,17 @@ def _open_npz(path: Path) -> ColumnTable:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
             for entry in archive.infolist():
                 check_size(path, size := size + entry.file_size, LogError)
-                with archive.open(entry) as file:  # so many bytes: to its end it may be more than it states
+                with archive.open(
+                    entry
+                ) as file:  # so many bytes: to its end it may be more than it states
                     content = file.read(entry.file_size)
-                arrays[entry.filename.removesuffix(".npy")] = _load_array(content, f"{path}: {entry.filename}")
+                arrays[entry.filename.removesuffix(".npy")] = _load_array(
+                    content, f"{path}: {entry.filename}"
+                )
     except _NPZ_DAMAGE as error:
-        raise LogError(str(path), f"is a damaged .npz ({error})", "write it again, with numpy.savez") from error
+        raise LogError(
+            str(path), f"is a damaged .npz ({error})", "write it again, with numpy.savez"
+        ) from error
     return make_table(str(path), *group_streams(arrays))
 
 
@@ -198,7 +253,9 @@ class _ParquetColumns(Mapping[str, Array]):
         try:
             return self.file.read(columns=[column]).column(column)
         except (pyarrow.ArrowException, OSError) as error:
-            raise LogError(self.name, f"is a damaged Parquet file ({error})", "write it again") from error
+            raise LogError(
+                self.name, f"is a damaged Parquet file ({error})", "write it again"
+            ) from error
 
     def _to_numbers(self, column: str, data: Any) -> Array:
         """Return a column's values as float64."""
@@ -206,7 +263,11 @@ class _ParquetColumns(Mapping[str, Array]):
         from pyarrow.types import is_decimal, is_floating, is_integer
 
         if not (is_integer(data.type) or is_floating(data.type) or is_decimal(data.type)):
-            raise LogError(f"{self.name} column '{column}'", f"holds {data.type}, not numbers", "write it as float64")
+            raise LogError(
+                f"{self.name} column '{column}'",
+                f"holds {data.type}, not numbers",
+                "write it as float64",
+            )
         return np.array(data.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=np.float64)
 
 
@@ -223,9 +284,13 @@ def _load_parquet(path: Path) -> _ParquetColumns:
     try:
         file = parquet.ParquetFile(pyarrow.BufferReader(read_bytes(path, LogError)))
     except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise LogError(str(path), f"is not Parquet ({error})", "give it the suffix of its format") from error
+        raise LogError(
+            str(path), f"is not Parquet ({error})", "give it the suffix of its format"
+        ) from error
     groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
-    check_size(path, sum(max(group.total_byte_size, 8 * group.num_rows) for group in groups), LogError)
+    check_size(
+        path, sum(max(group.total_byte_size, 8 * group.num_rows) for group in groups), LogError
+    )
     return _ParquetColumns(str(path), file, tuple(file.schema_arrow.names))
 
 
@@ -265,16 +330,26 @@ def _open_lerobot(path: Path) -> ColumnTable:
     """
     files = sorted((path / "data").glob("*/*.parquet"))
     info = read_yaml(path / "meta" / "info.json", LogError)
-    features, fps = (info.get(key) if isinstance(info, dict) else None for key in ("features", "fps"))
-    if not (files and isinstance(features, dict) and isinstance(fps, (int, float)) and 0 < fps < np.inf):
-        what = "is no LeRobot data set: no features or fps in meta/info.json, or no data/*/*.parquet"
+    features, fps = (
+        info.get(key) if isinstance(info, dict) else None for key in ("features", "fps")
+    )
+    if not (
+        files and isinstance(features, dict) and isinstance(fps, (int, float)) and 0 < fps < np.inf
+    ):
+        what = (
+            "is no LeRobot data set: no features or fps in meta/info.json, or no data/*/*.parquet"
+        )
         raise LogError(str(path), what, "give the folder of a data set of version 2 or 3")
     tables = [_load_parquet(file) for file in files]
     read, wide = _read_features(path, features, tables)
     if lost := {"timestamp", "frame_index", "episode_index", "index"} - read.keys():
-        raise LogError(str(path), f"has no column {quote_names(sorted(lost))}", "write it again with LeRobot")
+        raise LogError(
+            str(path), f"has no column {quote_names(sorted(lost))}", "write it again with LeRobot"
+        )
     order = np.argsort(read["index"][:, 0], kind="stable")
-    stamp, frame, episode = (read[key][order, 0] for key in ("timestamp", "frame_index", "episode_index"))
+    stamp, frame, episode = (
+        read[key][order, 0] for key in ("timestamp", "frame_index", "episode_index")
+    )
     # LeRobot's own tolerance, and the rounding of its stamps.
     regular = np.all(np.abs(frame / fps - stamp) <= 1e-4 + np.finfo(np.float32).eps * np.abs(stamp))
     t = frame / fps if regular else stamp
@@ -282,11 +357,23 @@ def _open_lerobot(path: Path) -> ColumnTable:
     jumps = np.zeros_like(t)
     jumps[first] = t[first - 1] - t[first] + PAUSE + 1 / fps
     columns = {"t": t + np.cumsum(jumps), "episode_index": episode}
-    for key in [key for key in read if key not in ("timestamp", "frame_index", "episode_index", "index", "task_index")]:
+    for key in [
+        key
+        for key in read
+        if key not in ("timestamp", "frame_index", "episode_index", "index", "task_index")
+    ]:
         columns |= _name_features(key, features[key].get("names"), read[key][order])
-    notes = [f"is {len(first) + 1} episodes, with a pause of {PAUSE:g} s between them"] if len(first) else []
+    notes = (
+        [f"is {len(first) + 1} episodes, with a pause of {PAUSE:g} s between them"]
+        if len(first)
+        else []
+    )
     stated = info.get("total_frames", len(t))
-    notes += [f"holds {len(t)} of {stated} frames: files of data/ are missing"] if stated != len(t) else []
+    notes += (
+        [f"holds {len(t)} of {stated} frames: files of data/ are missing"]
+        if stated != len(t)
+        else []
+    )
     notes += [f"left out for more than {WIDEST_ARRAY} numbers: {quote_names(wide)}"] if wide else []
     return make_table(str(path), [Stream("t", columns)], notes)
 
@@ -299,7 +386,9 @@ def _read_features(
     wide = list[str]()
     held = set(tables[0]).intersection(*tables[1:])
     for key, feature in features.items():
-        shape, kind = (feature.get(name) if isinstance(feature, dict) else None for name in ("shape", "dtype"))
+        shape, kind = (
+            feature.get(name) if isinstance(feature, dict) else None for name in ("shape", "dtype")
+        )
         if not str(kind).startswith(("float", "int", "uint")) or key not in held:
             continue
         if not isinstance(shape, list) or len(shape) != 1:
@@ -315,7 +404,9 @@ def _read_features(
 
 def _name_features(key: str, names: Any, values: Array) -> dict[str, Array]:
     """Return the numbers of a feature, (N, k), by their names in ``info.json``, or ``key[0]`` where it has none."""
-    stated = next(iter(names.values()), None) if isinstance(names, dict) else names  # {"motors": [...]} in version 2
+    stated = (
+        next(iter(names.values()), None) if isinstance(names, dict) else names
+    )  # {"motors": [...]} in version 2
     width = values.shape[1]
     if isinstance(stated, list) and len(set(map(str, stated))) == len(stated) == width:
         return {f"{key}.{name}": values[:, k] for k, name in enumerate(stated)}
@@ -340,10 +431,19 @@ def _open_isolated(reader: str, path: Path) -> ColumnTable:
         parts = list(path.iterdir()) if path.is_dir() else [path]
         size = sum(file.stat().st_size for file in parts)
     if not all(file.is_file() or file.is_dir() for file in parts):
-        raise LogError(str(path), f"is {kind} that is no file", "give the path of a file: it is not read from a pipe")
-    streamed = size if reader == "bag" else 0  # a bag may be larger than memory: of its messages only numbers are kept
+        raise LogError(
+            str(path),
+            f"is {kind} that is no file",
+            "give the path of a file: it is not read from a pipe",
+        )
+    streamed = (
+        size if reader == "bag" else 0
+    )  # a bag may be larger than memory: of its messages only numbers are kept
     check_size(path, size - streamed, LogError)
-    bounds: dict[str, Any] = {"memory": _READER_MEMORY + streamed, "seconds": _READER_SECONDS + size / _READER_RATE}
+    bounds: dict[str, Any] = {
+        "memory": _READER_MEMORY + streamed,
+        "seconds": _READER_SECONDS + size / _READER_RATE,
+    }
     with TemporaryDirectory() as folder:
         try:
             found = run_bounded(__name__, reader, str(path.resolve()), folder, **bounds)
@@ -371,7 +471,11 @@ def main(reader: str, path: str, folder: str) -> dict[str, Any]:
     except GimbalPinError as error:
         return {"wrong": [error.what, error.mend]}
     for k, (_, columns) in enumerate(streams):
-        np.save(Path(folder, f"{k}.npy"), np.array(list(columns.values()), dtype=np.float64), allow_pickle=False)
+        np.save(
+            Path(folder, f"{k}.npy"),
+            np.array(list(columns.values()), dtype=np.float64),
+            allow_pickle=False,
+        )
     return {"streams": [[time, list(columns)] for time, columns in streams], "notes": list(notes)}
 
 
@@ -385,8 +489,12 @@ def _read_mat(path: Path) -> Streams:
     """Return the streams of real numbers, those in structures as ``structure.field``; SciPy's errors of damage."""
     from scipy.io import loadmat, whosmat
 
-    check_size(path, sum(8 * prod(shape) for _, shape, kind in whosmat(path) if kind != "sparse"), LogError)
-    return group_streams({k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")})
+    check_size(
+        path, sum(8 * prod(shape) for _, shape, kind in whosmat(path) if kind != "sparse"), LogError
+    )
+    return group_streams(
+        {k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")}
+    )
 
 
 def _read_hdf5(path: Path) -> Streams:
@@ -427,7 +535,9 @@ def _read_ulog(path: Path) -> Streams:
         found.append(Stream(time, {**columns, time: topic.data["timestamp"] / 1e6}))
     notes = ["is damaged: what could be read of it is used"] if log.file_corruption else []
     if log.dropouts:
-        notes.append(f"{len(log.dropouts)} dropouts of {sum(dropout.duration for dropout in log.dropouts)} ms in all")
+        notes.append(
+            f"{len(log.dropouts)} dropouts of {sum(dropout.duration for dropout in log.dropouts)} ms in all"
+        )
     return found, notes
 
 
@@ -445,12 +555,21 @@ def _read_bag(path: Path) -> Streams:
     with TemporaryDirectory() as folder:
         if path.is_file():
             head = read_beginning(path, 16)
-            suffix = next((suffix for magic, suffix in _BAG_SUFFIXES.items() if head.startswith(magic)), path.suffix)
+            suffix = next(
+                (suffix for magic, suffix in _BAG_SUFFIXES.items() if head.startswith(magic)),
+                path.suffix,
+            )
             (link := Path(folder, f"bag{suffix}")).symlink_to(path)
             path = link
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
-            known = [connection for connection in bag.connections if connection.msgtype in bag.typestore.fielddefs]
-            lost = sorted({connection.topic for connection in bag.connections if connection not in known})
+            known = [
+                connection
+                for connection in bag.connections
+                if connection.msgtype in bag.typestore.fielddefs
+            ]
+            lost = sorted(
+                {connection.topic for connection in bag.connections if connection not in known}
+            )
             for connection, recorded, content in bag.messages(known) if known else ():
                 if len(content) > _LARGEST_MESSAGE:
                     continue
@@ -460,7 +579,9 @@ def _read_bag(path: Path) -> Streams:
                     continue
                 stamp = getattr(getattr(message, "header", None), "stamp", None)
                 # The order of the joints may change from message to message.
-                stamps, columns = found.setdefault((connection.topic, tuple(sorted(values))), ([], {}))
+                stamps, columns = found.setdefault(
+                    (connection.topic, tuple(sorted(values))), ([], {})
+                )
                 stamps.append((stamp and int(stamp.sec) * 10**9 + int(stamp.nanosec)) or recorded)
                 for name, value in values.items():
                     columns.setdefault(name, array("d")).append(value)
@@ -470,7 +591,9 @@ def _read_bag(path: Path) -> Streams:
     start = (start - start % 10**9) * late
     if start:
         notes.insert(0, f"its times count from {start // 10**9} s since 1970")
-    joints_first = sorted(found.items(), key=lambda item: not any(name.startswith("q_") for name in item[0][1]))
+    joints_first = sorted(
+        found.items(), key=lambda item: not any(name.startswith("q_") for name in item[0][1])
+    )
     streams = list[Stream]()
     chosen = choose_names([(topic, [*columns]) for (topic, _), (_, columns) in joints_first])
     for (label, names), (_, (stamps, columns)) in zip(chosen, joints_first):
@@ -488,10 +611,15 @@ def _message_values(message: Any, kind: str, topic: str) -> Iterator[tuple[str, 
         yield from list_joint_values(message.name, vars(message))
     elif kind == "sensor_msgs/msg/Imu" and message.header.frame_id:
         for field, prefix in _IMU_MESSAGE_COLUMNS.items():
-            if getattr(message, f"{field}_covariance")[0] != -1:  # by its definition: no estimate of this one
+            if (
+                getattr(message, f"{field}_covariance")[0] != -1
+            ):  # by its definition: no estimate of this one
                 of = getattr(message, field)
                 axes = "wxyz" if prefix == "quat" else "xyz"
-                yield from ((f"{prefix}_{message.header.frame_id}_{axis}", getattr(of, axis)) for axis in axes)
+                yield from (
+                    (f"{prefix}_{message.header.frame_id}_{axis}", getattr(of, axis))
+                    for axis in axes
+                )
     else:
         yield from _flat_values(message, topic)
 
@@ -503,7 +631,9 @@ def _flat_values(value: Any, name: str, depth: int = 0) -> Iterator[tuple[str, f
     elif is_dataclass(value) and depth < DEEPEST_NESTING:
         for field in fields(value):
             if not field.name.startswith("__"):
-                yield from _flat_values(getattr(value, field.name), f"{name}.{field.name}", depth + 1)
+                yield from _flat_values(
+                    getattr(value, field.name), f"{name}.{field.name}", depth + 1
+                )
     elif isinstance(value, (list, np.ndarray)) and len(value) <= WIDEST_ARRAY:
         for k, inner in enumerate(value):
             yield from _flat_values(inner, f"{name}[{k}]", depth + 1)
@@ -561,7 +691,10 @@ FORMATS: Mapping[str, Format] = {
     ".mat": Format(_open_mat, magic=(b"MATLAB 5.0", b"MATLAB 7.3", _HDF5)),
     ".h5": Format(_open_mat),
     ".hdf5": Format(_open_mat),
-    **{suffix: Format(partial(_open_isolated, "bag"), magic=(magic,)) for magic, suffix in _BAG_SUFFIXES.items()},
+    **{
+        suffix: Format(partial(_open_isolated, "bag"), magic=(magic,))
+        for magic, suffix in _BAG_SUFFIXES.items()
+    },
     ".tlog": Format(partial(_open_isolated, "tlog")),
     ".ulg": Format(partial(_open_isolated, "ulog"), magic=(b"ULog\x01\x12\x35",)),
 }

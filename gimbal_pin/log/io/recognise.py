@@ -65,7 +65,14 @@ _FACTORS = {"rad": "", "deg": "pi/180", "turns": "2*pi", "mrad": "1e-3", "mdeg":
 """Unit → its radians, amperes or N m, as a mapping writes it."""
 _UNKNOWN = {"rad": "RAD_PER_SECOND", "A": "AMPERES", "N m": "NM"}
 """SI unit → its name in a factor that is to be filled in."""
-_VALUES = {"rad": 1.0, "deg": pi / 180, "turns": 2 * pi, "mrad": 1e-3, "mdeg": 1e-3 * pi / 180, "rpm": pi / 30}
+_VALUES = {
+    "rad": 1.0,
+    "deg": pi / 180,
+    "turns": 2 * pi,
+    "mrad": 1e-3,
+    "mdeg": 1e-3 * pi / 180,
+    "rpm": pi / 30,
+}
 _TIME_UNITS = (("s", 1.0, ""), ("ms", 1e-3, "1e-3"), ("µs", 1e-6, "1e-6"), ("ns", 1e-9, "1e-9"))
 _TIME_WORDS = {"s": 0, "sec": 0, "secs": 0, "seconds": 0, "ms": 1, "msec": 1, "millis": 1, "us": 2, "usec": 2,
               "micros": 2, "µs": 2, "μs": 2, "ns": 3, "nsec": 3, "nanos": 3}  # fmt: skip
@@ -190,16 +197,30 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
     later = np.diff(np.maximum.accumulate(data[time]), prepend=-inf) > 0
     t = data[time][later] * scale
     joints = () if rig is None else rig.joints
-    channels = {name: _read_name(name, values[later], joints) for name, values in data.items() if name != time}
+    channels = {
+        name: _read_name(name, values[later], joints)
+        for name, values in data.items()
+        if name != time
+    }
     known: dict[bytes, str] = {}
     _mark_sensor_axes(channels, joints)
     for channel in channels.values():
-        first = channel.column if channel.still else known.setdefault(channel.values.tobytes(), channel.column)
+        first = (
+            channel.column
+            if channel.still
+            else known.setdefault(channel.values.tobytes(), channel.column)
+        )
         if first != channel.column:
             channel.reasons.append(f"the same as '{first}'")
             channel.quantity = "copy" if channel.quantity == "unknown" else channel.quantity
-    kinds = ("position", "rate") if time == ROW_COLUMN else ("position", "rate", "unknown", "attitude", "gyro")
-    ties = _find_ties(t, [one for one in channels.values() if not one.still and one.quantity in kinds])
+    kinds = (
+        ("position", "rate")
+        if time == ROW_COLUMN
+        else ("position", "rate", "unknown", "attitude", "gyro")
+    )
+    ties = _find_ties(
+        t, [one for one in channels.values() if not one.still and one.quantity in kinds]
+    )
     _pair_rates(ties, channels)
     if time == ROW_COLUMN and (step := _find_interval(ties, channels)) is not None:
         scale = step
@@ -220,7 +241,9 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
 
 def required_columns(rig: Rig, mapping: Iterable[str]) -> list[str]:
     """Return the columns that a log of a rig needs, of the joints of which a mapping holds any, or of all."""
-    held = [joint for joint in rig.joints if any(target.endswith(f"_{joint}") for target in mapping)]
+    held = [
+        joint for joint in rig.joints if any(target.endswith(f"_{joint}") for target in mapping)
+    ]
     return ["t", *(f"{prefix}_{joint}" for prefix in ("q", "tau") for joint in held or rig.joints)]
 
 
@@ -230,7 +253,11 @@ def _find_interval(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> flo
         x = channels[tie.x]
         v = channels[tie.v]
         if v.rate_of == tie.x:
-            return abs(tie.ratio) * _VALUES.get(x.unit, 1.0) / _VALUES.get(v.unit, _VALUES.get(x.unit, 1.0))
+            return (
+                abs(tie.ratio)
+                * _VALUES.get(x.unit, 1.0)
+                / _VALUES.get(v.unit, _VALUES.get(x.unit, 1.0))
+            )
     return None
 
 
@@ -248,7 +275,12 @@ def find_time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
         return unit, scale, factor, f"its name says {unit}"
     for unit, scale, factor in _TIME_UNITS:
         if 0 < step * scale <= 0.2:
-            return unit, scale, factor, f"increases by {digits(step, 3)}: {digits(1 / (step * scale), 3)} Hz in {unit}"
+            return (
+                unit,
+                scale,
+                factor,
+                f"increases by {digits(step, 3)}: {digits(1 / (step * scale), 3)} Hz in {unit}",
+            )
     return "s", 1.0, "", "nothing tells its unit"
 
 
@@ -264,7 +296,9 @@ def _read_name(column: str, values: Array, joints: Sequence[str] = ()) -> Channe
     elif {"linear", "acceleration"} <= set(split):
         kind = "accel"
     elif kind is None:
-        angle, torque, current = ({*written} & _UNITS[kind].keys() for kind in ("position", "torque", "current"))
+        angle, torque, current = (
+            {*written} & _UNITS[kind].keys() for kind in ("position", "torque", "current")
+        )
         rate = angle and split[-1] in ("s", "sec")
         own = any(split_words(joint) == split for joint in joints)
         kinds = {"torque": torque, "current": current, "rate": rate, "position": angle or own}
@@ -293,7 +327,11 @@ def _read_units(column: str) -> tuple[str, ...]:
     ``Iq_yaw_mA`` holds "ma", which is two words of a name in mixed case, and ``tau [N mm]`` "nmm". Those come last.
     """
     written = [word.lower() for word in re.findall(r"[^\W\d_]+", column)]
-    return (*written, *(a + b for a, b in pairwise(written) if a in ("n", "mn")), *split_words(column))
+    return (
+        *written,
+        *(a + b for a, b in pairwise(written) if a in ("n", "mn")),
+        *split_words(column),
+    )
 
 
 def _mark_sensor_axes(channels: Mapping[str, Channel], joints: Sequence[str]) -> None:
@@ -309,7 +347,11 @@ def _mark_sensor_axes(channels: Mapping[str, Channel], joints: Sequence[str]) ->
         last = words[-1] if words else ""
         kinds = {"g": "gyro", "w": "gyro", "a": "accel"}
         for channel in axes.values() if len(axes) == 3 else ():
-            kind = "gyro" if channel.quantity == "rate" else kinds.get(last, "") * (channel.quantity == "unknown")
+            kind = (
+                "gyro"
+                if channel.quantity == "rate"
+                else kinds.get(last, "") * (channel.quantity == "unknown")
+            )
             if kind:
                 channel.quantity = kind
                 channel.reasons.append(f"one of the axes x, y and z of a sensor: {kind}")
@@ -329,7 +371,9 @@ def _find_ties(t: Array, channels: Sequence[Channel]) -> list[_Tie]:
     if len(t) < 10:
         return []
     moved = {channel.column: take_increments(t, channel.values) for channel in channels}
-    sums = {channel.column: take_increments(t, channel.values, integrated=True) for channel in channels}
+    sums = {
+        channel.column: take_increments(t, channel.values, integrated=True) for channel in channels
+    }
     found = []
     for x, v in product(moved, sums):
         correlation, ratio = find_ratio(moved[x], sums[v])
@@ -347,7 +391,10 @@ def take_increments(t: Array, values: Array, integrated: bool = False) -> Array:
         integrated: Whether it is the integrals that change.
     """
     ends = np.unique(np.linspace(0, len(t) - 1, 301).astype(int))
-    return np.diff((cumulative_trapezoid(values, t, axis=0, initial=0.0) if integrated else values)[ends], axis=0)
+    return np.diff(
+        (cumulative_trapezoid(values, t, axis=0, initial=0.0) if integrated else values)[ends],
+        axis=0,
+    )
 
 
 def find_ratio(moved: Array, sums: Array) -> tuple[float, float]:
@@ -376,13 +423,24 @@ def _pair_rates(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> None:
         for tie in ties:
             x = channels[tie.x]
             v = channels[tie.v]
-            taken = x.rate_of or v.rate_of or x.column in {channel.rate_of for channel in channels.values()}
-            if taken or x.quantity not in ("position", "unknown") or v.quantity not in ("rate", "unknown"):
+            taken = (
+                x.rate_of
+                or v.rate_of
+                or x.column in {channel.rate_of for channel in channels.values()}
+            )
+            if (
+                taken
+                or x.quantity not in ("position", "unknown")
+                or v.quantity not in ("rate", "unknown")
+            ):
                 continue
             if "unknown" in (x.quantity, v.quantity):
                 fits = _find_unit_pair(tie.ratio) is not None
             else:
-                fits = x.wanted == v.wanted and {*split_words(x.column)} - strip == {*split_words(v.column)} - strip
+                fits = (
+                    x.wanted == v.wanted
+                    and {*split_words(x.column)} - strip == {*split_words(v.column)} - strip
+                )
             if fits:
                 x.quantity = "position"
                 v.quantity = "rate"
@@ -393,21 +451,32 @@ def _find_unit_pair(ratio: float) -> tuple[str, str] | None:
     """Return the units of an angle and a rate of that ratio, the most usual; None where it is of none."""
     pairs = [("rad", "rad"), ("rad", "deg"), ("deg", "rad"), ("rad", "rpm"), ("deg", "rpm"), ("turns", "rpm"),
              ("turns", "rad"), ("rad", "turns")]  # fmt: skip
-    return next((p for p in pairs if abs(abs(ratio) * _VALUES[p[0]] / _VALUES[p[1]] - 1) < _NEAR), None)
+    return next(
+        (p for p in pairs if abs(abs(ratio) * _VALUES[p[0]] / _VALUES[p[1]] - 1) < _NEAR), None
+    )
 
 
-def _set_units(ties: Sequence[_Tie], channels: Mapping[str, Channel], room: float, with_rig: bool) -> None:
+def _set_units(
+    ties: Sequence[_Tie], channels: Mapping[str, Channel], room: float, with_rig: bool
+) -> None:
     """Set the units and factors of all columns; `room`: the widest range of a joint, rad."""
     for channel in channels.values():
-        if channel.quantity in ("position", "attitude") and not _set_unit_by_rate(channel, ties, channels):
+        if channel.quantity in ("position", "attitude") and not _set_unit_by_rate(
+            channel, ties, channels
+        ):
             _set_angle_unit(channel, room, with_rig)
-    beside = {kind: [c.values for c in channels.values() if c.quantity == kind] for kind in ("gyro", "accel")}
+    beside = {
+        kind: [c.values for c in channels.values() if c.quantity == kind]
+        for kind in ("gyro", "accel")
+    }
     for channel in channels.values():
         if channel.quantity == "rate" and channel.rate_of:
             x = channels[channel.rate_of]
             tie = next(tie for tie in ties if (tie.x, tie.v) == (channel.rate_of, channel.column))
             true = tie.ratio * x.scale  # rad/s in a unit of the column
-            channel.unit = channel.unit or next((u for u, v in _VALUES.items() if abs(abs(true) / v - 1) < _NEAR), "")
+            channel.unit = channel.unit or next(
+                (u for u, v in _VALUES.items() if abs(abs(true) / v - 1) < _NEAR), ""
+            )
             channel.reasons.append(_describe_tie(tie))
             channel.factor = ("-" if true < 0 else "") + _FACTORS.get(channel.unit, "")
             if _PLACEHOLDER.search(x.factor) and channel.unit not in _VALUES:
@@ -415,13 +484,18 @@ def _set_units(ties: Sequence[_Tie], channels: Mapping[str, Channel], room: floa
             elif not channel.unit and not 1 / OTHER_UNIT < abs(true) < OTHER_UNIT:
                 channel.factor = f"{true:.4g}"
         elif channel.quantity == "gyro":
-            of = next((t for t in ties if t.v == channel.column and channels[t.x].quantity == "attitude"), None)
+            of = next(
+                (t for t in ties if t.v == channel.column and channels[t.x].quantity == "attitude"),
+                None,
+            )
             most = max(float(np.sqrt(np.mean(values**2))) for values in beside["gyro"])
             if not channel.unit and of is not None and _find_unit_pair(of.ratio) == ("rad", "rad"):
                 channel.unit = channels[of.x].unit
                 channel.reasons.append(_describe_tie(of))
             elif not channel.unit:
-                channel.unit = "deg" if most > 6.0 else "rad"  # no platform turns so fast, rad/s rms
+                channel.unit = (
+                    "deg" if most > 6.0 else "rad"
+                )  # no platform turns so fast, rad/s rms
                 fast = ", too fast for rad/s" if channel.unit == "deg" else ""
                 channel.reasons.append(f"the gyro's largest axis has {digits(most, 3)} rms{fast}")
             channel.factor = _FACTORS[channel.unit]
@@ -437,29 +511,50 @@ def _set_units(ties: Sequence[_Tie], channels: Mapping[str, Channel], room: floa
             channel.unit = channel.unit or usual
             channel.factor = _FACTORS.get(channel.unit, "")
     for channel in channels.values():
-        if channel.quantity in ("rate", "gyro") and channel.unit in ("rad", "deg", "turns", "mrad", "mdeg"):
+        if channel.quantity in ("rate", "gyro") and channel.unit in (
+            "rad",
+            "deg",
+            "turns",
+            "mrad",
+            "mdeg",
+        ):
             channel.unit += "/s"
 
 
-def _set_unit_by_rate(channel: Channel, ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> bool:
+def _set_unit_by_rate(
+    channel: Channel, ties: Sequence[_Tie], channels: Mapping[str, Channel]
+) -> bool:
     """Set the unit of an angle without one from that of its rate, where the rate's name states it; False if not so."""
     for tie in ties:
         rate = channels[tie.v]
-        if tie.x == channel.column and rate.rate_of == channel.column and rate.unit in _VALUES and not channel.unit:
+        if (
+            tie.x == channel.column
+            and rate.rate_of == channel.column
+            and rate.unit in _VALUES
+            and not channel.unit
+        ):
             scale = _VALUES[rate.unit] / abs(tie.ratio)
-            unit = next((unit for unit, value in _VALUES.items() if abs(scale / value - 1) < _NEAR), "")
+            unit = next(
+                (unit for unit, value in _VALUES.items() if abs(scale / value - 1) < _NEAR), ""
+            )
             turn = next((2**k for k in _POWERS if abs(scale * 2**k / (2 * pi) - 1) < _NEAR), 0)
             if unit or (turn and channel.whole):
-                channel.unit, channel.factor = (unit, _FACTORS[unit]) if unit else ("counts", f"2*pi/{turn}")
+                channel.unit, channel.factor = (
+                    (unit, _FACTORS[unit]) if unit else ("counts", f"2*pi/{turn}")
+                )
                 channel.scale = _VALUES[unit] if unit else 2 * pi / turn
-                channel.reasons.append(f"{_describe_tie(tie._replace(x=rate.column))}, which is in {rate.unit}/s")
+                channel.reasons.append(
+                    f"{_describe_tie(tie._replace(x=rate.column))}, which is in {rate.unit}/s"
+                )
                 return True
     return False
 
 
 def _describe_tie(tie: _Tie) -> str:
     """Return a sentence on a column that is the rate of another."""
-    return f"adds up to '{tie.x}' (factor {digits(tie.ratio, 3)}, correlation {tie.correlation:.3f})"
+    return (
+        f"adds up to '{tie.x}' (factor {digits(tie.ratio, 3)}, correlation {tie.correlation:.3f})"
+    )
 
 
 def _set_angle_unit(channel: Channel, room: float, with_rig: bool) -> None:
@@ -472,9 +567,15 @@ def _set_angle_unit(channel: Channel, room: float, with_rig: bool) -> None:
     if channel.unit == "counts" or (not channel.unit and channel.whole):
         channel.unit = "counts"
         # Of a turn both ends show; half of one may end anywhere.
-        spans = [2**k for k in _POWERS if 0.98 * 2**k <= most <= 1.001 * 2**k and abs(x.min()) <= 0.02 * 2**k]
+        spans = [
+            2**k
+            for k in _POWERS
+            if 0.98 * 2**k <= most <= 1.001 * 2**k and abs(x.min()) <= 0.02 * 2**k
+        ]
         turn = spans[0] if spans else None
-        channel.factor, channel.scale = (f"2*pi/{turn}", 2 * pi / turn) if turn else ("2*pi/COUNTS_PER_TURN", 1.0)
+        channel.factor, channel.scale = (
+            (f"2*pi/{turn}", 2 * pi / turn) if turn else ("2*pi/COUNTS_PER_TURN", 1.0)
+        )
         say(
             f"goes from 0 to {digits(most, 4)}: {turn} counts a turn"
             if turn
@@ -484,7 +585,9 @@ def _set_angle_unit(channel: Channel, room: float, with_rig: bool) -> None:
     if not channel.unit:
         parts = {unit: turn / step for unit, turn in (("rad", 2 * pi), ("deg", 360.0)) if step}
         # By chance a step is that near to one of the 19 powers of two in 1 of 3500 logs (2e-4 / log 2).
-        exact = [unit for unit, n in parts.items() if any(abs(n / 2**k - 1) < 1e-4 for k in _POWERS)]
+        exact = [
+            unit for unit, n in parts.items() if any(abs(n / 2**k - 1) < 1e-4 for k in _POWERS)
+        ]
         goes_on = abs(x[-1] - x[0]) > 0.5 * travel
         channel.unit = "deg"
         if exact:
@@ -492,18 +595,25 @@ def _set_angle_unit(channel: Channel, room: float, with_rig: bool) -> None:
             say(f"its step of {digits(step, 3)} {exact[0]} parts a turn into {parts[exact[0]]:.0f}")
         elif channel.column.endswith(".pos") and 2 * pi < most <= 100.0:
             channel.unit, channel.factor = "", "RAD_PER_UNIT"
-            say("LeRobot writes -100 to 100 of a joint's calibrated range, or degrees: which does not show")
+            say(
+                "LeRobot writes -100 to 100 of a joint's calibrated range, or degrees: which does not show"
+            )
             return
         elif travel > 1.5 * room:
             channel.guessed = True
-            say(f"goes {digits(travel, 3)}, more than the {digits(room, 3)} rad that the rig leaves")
+            say(
+                f"goes {digits(travel, 3)}, more than the {digits(room, 3)} rad that the rig leaves"
+            )
         elif not with_rig and travel > 4 * pi and not goes_on and most < 400:
             say(f"goes to and fro over {digits(travel, 3)}, more than two turns in radians")
         elif channel.quantity == "attitude" and most > 2 * pi:
             say(f"an attitude reaches {digits(most, 3)}, which no radians do")
         else:
             channel.unit = "rad"
-            say(f"goes {digits(travel, 3)}" + (" and on: it turns" if travel > 4 * pi else ", as radians do"))
+            say(
+                f"goes {digits(travel, 3)}"
+                + (" and on: it turns" if travel > 4 * pi else ", as radians do")
+            )
     channel.factor = _FACTORS.get(channel.unit, "")
     channel.scale = _VALUES.get(channel.unit, 1.0)
 
@@ -530,21 +640,31 @@ def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple
         rig: Whose joints.
     """
     q, v, torque, current, temperature = (
-        _assign_by_joint(channels, rig, kind) for kind in ("position", "rate", "torque", "current", "temperature")
+        _assign_by_joint(channels, rig, kind)
+        for kind in ("position", "rate", "torque", "current", "temperature")
     )
     if not v:  # those that add up to the angles
-        of_angle = {channel.rate_of: channel.column for channel in channels.values() if channel.rate_of}
+        of_angle = {
+            channel.rate_of: channel.column for channel in channels.values() if channel.rate_of
+        }
         v = {joint: of_angle[column] for joint, column in q.items() if column in of_angle}
     reference = _assign_by_joint(channels, rig, "position", wanted=True)
     kinds = {"q": q, "dq": v, "tau": current | torque, "q_ref": reference}
     found: dict[str, tuple[str, str, str]] = {}
     for prefix in ("q", "q_ref"):
         rooms = {joint: float(high - low) for joint, low, high in zip(rig.joints, *rig.stops)}
-        guessed = {joint: c for joint, column in kinds[prefix].items() if (c := channels[column]).guessed}
-        if any(np.ptp(c.values) * c.scale > _ROOM_TOLERANCE * rooms[joint] for joint, c in guessed.items()):
+        guessed = {
+            joint: c for joint, column in kinds[prefix].items() if (c := channels[column]).guessed
+        }
+        if any(
+            np.ptp(c.values) * c.scale > _ROOM_TOLERANCE * rooms[joint]
+            for joint, c in guessed.items()
+        ):
             for channel in guessed.values():
                 channel.unit, channel.factor = "", "RAD_PER_UNIT"
-                channel.reasons.append("farther than the rig leaves in radians and in degrees: the unit does not show")
+                channel.reasons.append(
+                    "farther than the rig leaves in radians and in degrees: the unit does not show"
+                )
     for prefix, columns in {**kinds, "temp": temperature}.items():
         for joint, column in columns.items():
             channel = channels[column]
@@ -552,13 +672,19 @@ def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple
             remark = channel.reasons[-1] if channel.reasons else ""
             if prefix == "tau" and channel.quantity == "current":
                 constant = rig.motors[rig.joint_index(joint)].torque_constant
-                if constant is not None and _is_in_milliamperes(channel, constant, rig.tau_max[rig.joint_index(joint)]):
+                if constant is not None and _is_in_milliamperes(
+                    channel, constant, rig.tau_max[rig.joint_index(joint)]
+                ):
                     channel.unit = "mA"
                     factor = _FACTORS["mA"]
-                    channel.reasons.append("as A it would exceed the motor's torque limit, as mA it does not")
+                    channel.reasons.append(
+                        "as A it would exceed the motor's torque limit, as mA it does not"
+                    )
                 if constant is not None:
                     unit = f", {channel.unit}" if channel.unit else ""
-                    remark = f"a current{unit}, times the rig's torque constant, {constant:g} N m per A"
+                    remark = (
+                        f"a current{unit}, times the rig's torque constant, {constant:g} N m per A"
+                    )
                     factor = f"{constant:g}" + f"*{factor}" * bool(factor)
                 else:
                     unit = "" if factor else ", A"
@@ -566,9 +692,15 @@ def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple
             channel.joint = joint
             found[f"{prefix}_{joint}"] = (column, factor, remark)
     links = urdf.list_element_names(urdf.parse_robot(rig.urdf, str(rig.path)), "link")
-    for kind, prefix, axes in (("gyro", "gyro", "xyz"), ("accel", "accel", "xyz"), ("quaternion", "quat", "wxyz")):
+    for kind, prefix, axes in (
+        ("gyro", "gyro", "xyz"),
+        ("accel", "accel", "xyz"),
+        ("quaternion", "quat", "wxyz"),
+    ):
         sensors = [channel for channel in channels.values() if channel.quantity == kind]
-        found |= _assign_imu_columns(sensors, rig.base, rig.payload_link or rig.camera_frame, links, prefix, axes)
+        found |= _assign_imu_columns(
+            sensors, rig.base, rig.payload_link or rig.camera_frame, links, prefix, axes
+        )
     return found
 
 
@@ -586,13 +718,17 @@ def _is_in_milliamperes(channel: Channel, constant: float, limit: float) -> bool
     return torque > OTHER_UNIT * limit >= 1e-3 * torque
 
 
-def _assign_by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wanted: bool = False) -> dict[str, str]:
+def _assign_by_joint(
+    channels: Mapping[str, Channel], rig: Rig, kind: str, wanted: bool = False
+) -> dict[str, str]:
     """Return joint → column of a kind: of the columns whose names differ by joint alone, the best set.
 
     That is the one of most joints, of these the one that was measured. Joints are told by their names, or all of them
     by numbers in a row, or by the columns' order.
     """
-    several = [c for c in channels.values() if c.quantity == kind and c.wanted == wanted and not c.still]
+    several = [
+        c for c in channels.values() if c.quantity == kind and c.wanted == wanted and not c.still
+    ]
     sets: dict[tuple[str, ...], dict[str, str]] = {}
     for channel in several:
         split = split_words(_TRAILING_UNIT.sub("", channel.column))
@@ -613,11 +749,18 @@ def _assign_by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wante
         elif len(each) == rig.n == 1:
             found = dict(zip(rig.joints, each.values()))
         best = max(best, ((len(found), -rank), found), key=lambda one: one[0])
-    return best[1] or (dict(zip(rig.joints, (c.column for c in several))) if len(several) == rig.n else {})
+    return best[1] or (
+        dict(zip(rig.joints, (c.column for c in several))) if len(several) == rig.n else {}
+    )
 
 
 def _assign_imu_columns(
-    channels: Iterable[Channel], base: str, camera: str, links: Sequence[str], prefix: str, axes: str
+    channels: Iterable[Channel],
+    base: str,
+    camera: str,
+    links: Sequence[str],
+    prefix: str,
+    axes: str,
 ) -> dict[str, tuple[str, str, str]]:
     """Return target → column of the sensors that have all axes, each of the link that its name holds.
 
@@ -631,7 +774,15 @@ def _assign_imu_columns(
         axis = axes[int(last)] if last in ("0", "1", "2") and len(axes) == 3 else last
         if axis in (*axes,):
             near = camera if _CAMERA_WORDS & {*split} else base
-            link = max((link for link in links if set(split_words(link)) <= set(split)), key=len, default=near)
-            found.setdefault(f"{prefix}_{link}_{axis}", (channel.column, channel.factor, channel.reasons[-1]))
-    whole = {target[:-2] for target in found if all(f"{target[:-2]}_{axis}" in found for axis in axes)}
+            link = max(
+                (link for link in links if set(split_words(link)) <= set(split)),
+                key=len,
+                default=near,
+            )
+            found.setdefault(
+                f"{prefix}_{link}_{axis}", (channel.column, channel.factor, channel.reasons[-1])
+            )
+    whole = {
+        target[:-2] for target in found if all(f"{target[:-2]}_{axis}" in found for axis in axes)
+    }
     return {target: found[target] for target in sorted(found) if target[:-2] in whole}

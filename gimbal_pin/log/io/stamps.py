@@ -58,7 +58,9 @@ def parse_stamps(texts: Sequence[str]) -> Array:
     if dated.any():
         at = pandas.to_datetime(date[dated]).to_numpy().astype("datetime64[D]")
         days[dated.to_numpy()] = at.astype(np.int64)
-    h, m, zh, zm = (pandas.to_numeric(parts[name]).fillna(0).to_numpy(float) for name in ("h", "m", "zh", "zm"))
+    h, m, zh, zm = (
+        pandas.to_numeric(parts[name]).fillna(0).to_numpy(float) for name in ("h", "m", "zh", "zm")
+    )
     s = pandas.to_numeric(parts["s"].str.replace(",", ".")).fillna(0.0).to_numpy(float)
     half = parts["half"].str.lower()
     h = np.where(half.notna(), h % 12 + 12 * (half == "pm"), h)
@@ -68,4 +70,6 @@ def parse_stamps(texts: Sequence[str]) -> Array:
 
 def unwrap_midnight(seconds: Array) -> Array:
     """Return times that go on where they fall by more than half a day: the day is not written."""
-    return seconds + SECONDS_PER_DAY * np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -SECONDS_PER_DAY / 2)
+    return seconds + SECONDS_PER_DAY * np.cumsum(
+        np.diff(seconds, prepend=seconds[:1]) < -SECONDS_PER_DAY / 2
+    )

@@ -73,7 +73,9 @@ def find_time(table: ColumnTable) -> str:
     if (values[1:] > values[:-1]).all():
         return first
     mend = "name the column of its times t in the header"
-    raise UsageError(table.name, "has no column that is called time, and its first does not increase", mend)
+    raise UsageError(
+        table.name, "has no column that is called time, and its first does not increase", mend
+    )
 
 
 def decode_register(values: Array) -> tuple[Array, int]:
@@ -101,7 +103,9 @@ Doubling it takes rows that come in pairs for even ones."""
 
 def find_repeated_rows(columns: Mapping[str, Array]) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Return which rows hold what the row before holds, in every column, (N,)."""
-    return np.asarray(np.all([np.diff(values, prepend=np.nan) == 0 for values in columns.values()], axis=0))
+    return np.asarray(
+        np.all([np.diff(values, prepend=np.nan) == 0 for values in columns.values()], axis=0)
+    )
 
 
 def even_stamps(time: str, columns: Mapping[str, Array]) -> tuple[Array, float]:
@@ -123,7 +127,9 @@ def even_stamps(time: str, columns: Mapping[str, Array]) -> tuple[Array, float]:
     return (line, rounding) if np.ptp(t - line) <= _STAMP_SPAN * rounding else (t, 0.0)
 
 
-def decode_columns(name: str, time: str, columns: Mapping[str, Array], notes: list[str]) -> dict[str, Array]:
+def decode_columns(
+    name: str, time: str, columns: Mapping[str, Array], notes: list[str]
+) -> dict[str, Array]:
     """Return the columns with `even_stamps` for times and `decode_register` for all others.
 
     Args:
@@ -202,14 +208,24 @@ class ArrayTable:
 
     def read(self, columns: Sequence[str]) -> dict[str, Array]:
         """Return the named columns as float64, (N,) each; `LogError` names the first value that is infinite."""
-        check_size(self.name, 8 * len(columns) * sum(len(self.data[column]) for column in columns[:1]), LogError)
-        read: dict[str, Array] = {column: self.data[column].astype(np.float64, copy=False) for column in columns}
+        check_size(
+            self.name,
+            8 * len(columns) * sum(len(self.data[column]) for column in columns[:1]),
+            LogError,
+        )
+        read: dict[str, Array] = {
+            column: self.data[column].astype(np.float64, copy=False) for column in columns
+        }
         for column, values in read.items():
             if not values.size:
                 raise LogError(self.name, f"has no {self.row}s", "give a file with samples")
             if (wrong := np.isinf(values)).any():
                 row = int(np.argmax(wrong))
-                raise LogError(self.place(row, column), f"is {values[row]}", "repair the value, or delete the row")
+                raise LogError(
+                    self.place(row, column),
+                    f"is {values[row]}",
+                    "repair the value, or delete the row",
+                )
         return read
 
     def place(self, row: int, column: str) -> str:
@@ -232,7 +248,11 @@ class Stream(NamedTuple):
 def make_table(name: str, streams: Sequence[Stream], notes: Sequence[str]) -> ColumnTable:
     """Return the table of a file of one or several streams, all by one clock; `LogError` if it holds nothing."""
     if not streams:
-        raise LogError(name, "holds no columns of numbers", "give a file with one array per channel, a value a sample")
+        raise LogError(
+            name,
+            "holds no columns of numbers",
+            "give a file with one array per channel, a value a sample",
+        )
     said = [f"{name}: {note}" for note in notes]
     if len(streams) == 1:
         return ArrayTable(name, streams[0].columns, said)
@@ -246,17 +266,29 @@ def group_streams(arrays: Mapping[str, Any]) -> tuple[list[Stream], list[str]]:
     Samples lie along the dimension as long as an array of times, or else the longest. Arrays of another length are a
     stream of their own if one of them holds their times; so are those of a structure with its own times.
     """
-    flat = {key: values for key, array in arrays.items() for key, values in _flatten_arrays(key, array)}
-    flat = {key: values for key, values in flat.items() if values.ndim in (1, 2) and max(values.shape) > 1}
+    flat = {
+        key: values for key, array in arrays.items() for key, values in _flatten_arrays(key, array)
+    }
+    flat = {
+        key: values
+        for key, values in flat.items()
+        if values.ndim in (1, 2) and max(values.shape) > 1
+    }
     times = {
-        key: values for key, values in flat.items() if values.ndim == 1 and _find_time_name([key.rpartition(".")[2]])
+        key: values
+        for key, values in flat.items()
+        if values.ndim == 1 and _find_time_name([key.rpartition(".")[2]])
     }
     groups: dict[tuple[int, bytes], dict[str, np.ndarray[Any, Any]]] = {}
     for key, values in flat.items():
         size = max(values.shape, key=lambda one: (one in map(len, times.values()), one))
         # Its times are those in its own structure, or in the nearest one around it.
         around = {name.rpartition(".")[0]: own for name, own in times.items() if len(own) == size}
-        near = max((place for place in around if not place or key.startswith(f"{place}.")), key=len, default=None)
+        near = max(
+            (place for place in around if not place or key.startswith(f"{place}.")),
+            key=len,
+            default=None,
+        )
         clock = around[near] if near is not None else next(iter(around.values()), np.empty(0))
         group = groups.setdefault((size, clock.tobytes()), {})
         rows = values if values.shape[0] == size else values.T
@@ -264,20 +296,31 @@ def group_streams(arrays: Mapping[str, Any]) -> tuple[list[Stream], list[str]]:
             group[key] = rows
         elif rows.shape[1] <= WIDEST_ARRAY:
             group |= {f"{key}[{k}]": rows[:, k] for k in range(rows.shape[1])}
-    found = [Stream(_find_time_name(group) or "", group) for group in sorted(groups.values(), key=len, reverse=True)]
+    found = [
+        Stream(_find_time_name(group) or "", group)
+        for group in sorted(groups.values(), key=len, reverse=True)
+    ]
     streams = [stream for stream in found if stream is found[0] or (stream.time and found[0].time)]
     lost = [key for stream in found if stream not in streams for key in stream.columns]
-    return streams, [f"{quote_names(lost)} have other lengths than the rest and no times: left out"] if lost else []
+    return streams, [
+        f"{quote_names(lost)} have other lengths than the rest and no times: left out"
+    ] if lost else []
 
 
-def _flatten_arrays(key: str, value: Any, depth: int = 0) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
+def _flatten_arrays(
+    key: str, value: Any, depth: int = 0
+) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
     """Yield name and values of the arrays of real numbers in an array, a record array, a table or a list of them."""
     if depth > DEEPEST_NESTING:
         return
     if isinstance(value, Mapping):
         for name, inner in value.items():
             yield from _flatten_arrays(f"{key}.{name}" if key else str(name), inner, depth + 1)
-    elif isinstance(value, list) and len(value) <= WIDEST_ARRAY and any(isinstance(inner, Mapping) for inner in value):
+    elif (
+        isinstance(value, list)
+        and len(value) <= WIDEST_ARRAY
+        and any(isinstance(inner, Mapping) for inner in value)
+    ):
         for k, inner in enumerate(value):
             yield from _flatten_arrays(f"{key}[{k}]", inner, depth + 1)
     elif isinstance(value, np.ndarray) and value.dtype.names:
@@ -320,9 +363,17 @@ class JoinedTable:
         virtual = self.shared and not any("t" in part.columns for part in self.parts)
         owner = {column: next(k for k, part in enumerate(self.parts) if column in part.columns)
                  for column in columns if not (virtual and column == "t")}  # fmt: skip
-        first = next((owner[column] for column in owner if column in self.times), next(iter(owner.values()), 0))
-        wanted = {k: [c for c in owner if owner[c] == k] for k in dict.fromkeys([first, *owner.values()])}
-        read = {k: self.parts[k].read(list(dict.fromkeys([self.times[k], *of]))) for k, of in wanted.items()}
+        first = next(
+            (owner[column] for column in owner if column in self.times),
+            next(iter(owner.values()), 0),
+        )
+        wanted = {
+            k: [c for c in owner if owner[c] == k] for k in dict.fromkeys([first, *owner.values()])
+        }
+        read = {
+            k: self.parts[k].read(list(dict.fromkeys([self.times[k], *of])))
+            for k, of in wanted.items()
+        }
         t = read[first][self.times[first]]
         joined = {column: read[first][column] for column in wanted[first]}
         kept = np.ones(len(t), dtype=bool)
@@ -334,16 +385,24 @@ class JoinedTable:
             own = own[: len(at)]
             for column in wanted[k]:
                 values = read[k][column][at]
-                joined[column] = np.interp(t, own, np.nan_to_num(values)) if len(own) else np.full(len(t), np.nan)
+                joined[column] = (
+                    np.interp(t, own, np.nan_to_num(values))
+                    if len(own)
+                    else np.full(len(t), np.nan)
+                )
                 if np.isnan(values).any():
                     joined[column][np.interp(t, own, np.isnan(values)) > 0] = np.nan
             kept &= _is_surrounded(t, own)
         if not kept.any():
             raise LogError(
-                self.name, "have no time in common", "give files whose times are by one clock, or join them first"
+                self.name,
+                "have no time in common",
+                "give files whose times are by one clock, or join them first",
             )
         if not kept.all():
-            self.notes.append(f"{self.name}: {np.sum(~kept)} of {len(t)} samples are left out: not all files have them")
+            self.notes.append(
+                f"{self.name}: {np.sum(~kept)} of {len(t)} samples are left out: not all files have them"
+            )
         return {column: joined.get(column, t)[kept] for column in columns}
 
     def _seconds(self, part: int, times: Array) -> float:

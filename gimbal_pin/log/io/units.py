@@ -57,7 +57,9 @@ def check_units(
     return []
 
 
-def _check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, q_ref: Array | None) -> None:
+def _check_angles(
+    name: str, rig: Rig, sources: Mapping[str, Source], q: Array, q_ref: Array | None
+) -> None:
     """Raise `LogError` if joints travel much farther than the rig's limits let them, in radians.
 
     That is half as far again, and a turn of the encoder; spikes, a hundredth of the samples, do not count.
@@ -71,14 +73,20 @@ def _check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, 
         if q_ref is not None and not a @ b > 0.9 * np.sqrt((a @ a) * (b @ b)):
             what = f"q_{rig.joints[j]} travels {travel[j]:.4g} rad where the rig's limits leave {room[j]:.3g}, and not"
             what = rig.in_units(rig.joints[j], f"{what} as q_ref_{rig.joints[j]}")
-            raise LogError(name, what, "the loop lost the joint: give a log of one that holds it, of lower gains")
+            raise LogError(
+                name,
+                what,
+                "the loop lost the joint: give a log of one that holds it, of lower gains",
+            )
     for j in off[:1]:
         what = f"q_{rig.joints[j]} travels {travel[j]:.4g} rad where the rig's limits leave {room[j]:.3g}"
         names = [f"q_{rig.joints[k]}" for k in off]
         given = [sources.get(name, Source(name)) for name in names]
         plain = all(source.factor == 1.0 for source in given)
         likely = plain and travel[j] < 1.1 * degrees(room[j])
-        factor, unit = ("pi/180", "degrees") if likely else ("RAD_PER_UNIT", "counts or another unit")
+        factor, unit = (
+            ("pi/180", "degrees") if likely else ("RAD_PER_UNIT", "counts or another unit")
+        )
         maps = format_remapping(
             {name: Source(source.column) for name, source in zip(names, given)},
             {name: (name, factor) for name in names},
@@ -87,7 +95,9 @@ def _check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, 
         raise LogError(name, rig.in_units(rig.joints[j], what), mend)
 
 
-def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q: Array, v: Array) -> list[str]:
+def _check_rates(
+    name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q: Array, v: Array
+) -> list[str]:
     """Return notes on rates whose integral is not their angle, or a multiple of it.
 
     Raises:
@@ -102,35 +112,57 @@ def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q
     # With independent noise the product of both crossed correlations is at most that of the joints' own, under 0.81.
     follows = {x[0]: y[0] for x in lost for y in lost if x[0] != y[0] and find_ratio(x[1], y[2])[1]}
     if follows and sorted(follows) == sorted(follows.values()):
-        maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{other}", 1.0) for joint, other in follows.items()})
+        maps = format_remapping(
+            sources, {f"dq_{joint}": (f"dq_{other}", 1.0) for joint, other in follows.items()}
+        )
         names = " and ".join(f"dq_{joint}" for joint in follows)
-        raise LogError(name, f"{names} hold the rates of each other's joints", f"exchange them: {maps}")
-    off = {joint: ratio for joint, ratio in ratios.items() if not 1 / OTHER_UNIT < ratio < OTHER_UNIT}
+        raise LogError(
+            name, f"{names} hold the rates of each other's joints", f"exchange them: {maps}"
+        )
+    off = {
+        joint: ratio for joint, ratio in ratios.items() if not 1 / OTHER_UNIT < ratio < OTHER_UNIT
+    }
     for joint, factor in list(off.items())[:1]:
         if 1 / OTHER_UNIT < -factor < OTHER_UNIT:
             maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{joint}", -1.0)})
-            raise LogError(name, f"dq_{joint} is negative where q_{joint} rises", f"turn the sign of one: {maps}")
+            raise LogError(
+                name,
+                f"dq_{joint} is negative where q_{joint} rises",
+                f"turn the sign of one: {maps}",
+            )
         what = f"q_{joint} moves {factor:.3g} times as far as dq_{joint} says"
         if len(off) == len(ratios) and abs(np.log10(factor) + 3) < 0.3:
             maps = format_remapping(sources, {"t": ("t", 1e-3)})
-            raise LogError(name, f"{what}, as every joint does", f"t is in ms, not s: map it: {maps}")
+            raise LogError(
+                name, f"{what}, as every joint does", f"t is in ms, not s: map it: {maps}"
+            )
         maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{factor:.3g}"))})
-        raise LogError(name, what, f"one of the two is in degrees, or in other units: {maps}, or map q_{joint}")
+        raise LogError(
+            name, what, f"one of the two is in degrees, or in other units: {maps}, or map q_{joint}"
+        )
     notes = []
     few = slice(0, len(moved) // JOINED_INTERVALS * JOINED_INTERVALS)
-    noise = 2.0 * signals.noise_std(q) ** 2, len(t) / len(moved) * (np.median(np.diff(t)) * signals.noise_std(v)) ** 2
+    noise = (
+        2.0 * signals.noise_std(q) ** 2,
+        len(t) / len(moved) * (np.median(np.diff(t)) * signals.noise_std(v)) ** 2,
+    )
     for j, (joint, x, y) in enumerate(pairs):
-        coarse = find_ratio(*(part[few].reshape(-1, JOINED_INTERVALS).sum(axis=1) for part in (x, y)))[1]
+        coarse = find_ratio(
+            *(part[few].reshape(-1, JOINED_INTERVALS).sum(axis=1) for part in (x, y))
+        )[1]
         ratio = ratios.get(joint, 0.0)
         is_scale = ratio * coarse > 0 and abs(np.log(ratio / coarse)) < np.log(1.1)
         if not ratio and all(
-            np.mean(part**2) > MIN_INCREMENT_TO_NOISE_POWER * power[j] for part, power in zip((x, y), noise)
+            np.mean(part**2) > MIN_INCREMENT_TO_NOISE_POWER * power[j]
+            for part, power in zip((x, y), noise)
         ):
             notes.append(
                 f"{name}: dq_{joint} is not the derivative of q_{joint}: leave rates out, or map another column"
             )
         elif is_scale and abs(np.log(ratio)) > np.log(MIN_WRONG_RATE_SCALE):
-            maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{ratio:.3g}"))})
+            maps = format_remapping(
+                sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{ratio:.3g}"))}
+            )
             what = f"q_{joint} moves {ratio:.3g} times as far as dq_{joint} says"
             notes.append(
                 f"{name}: {what}: map the rate, {maps}, or the angle; the time where every joint has this factor"
@@ -150,11 +182,14 @@ def describe_torques(rig: Rig, tau: Array | None) -> tuple[str, ...]:
         share = float(compute_share_near_limit(x, limit))
         if most > 3.0 * limit:
             mend = f"if it is a current or in other units, map tau_{joint}=COLUMN*(N m per unit)"
-            said = f"tau_{joint} reaches {most:.4g} N m where the motor's limit is {limit:.3g}; {mend}"
+            said = (
+                f"tau_{joint} reaches {most:.4g} N m where the motor's limit is {limit:.3g}; {mend}"
+            )
             strong.append(rig.in_units(joint, said))
         if share > MOSTLY:
             mend = (
-                "a loop that swings or cannot follow shows little of the rig; record one that holds it, of lower gains"
+                "a loop that swings or cannot follow shows little of the rig; record one that "
+                "holds it, of lower gains"
             )
             said = f"tau_{joint} is at the motor's limit of {limit:.3g} N m for {100 * share:.0f} % of the time: {mend}"
             pushed.append(rig.in_units(joint, f"{said} or slower"))

@@ -18,7 +18,15 @@ from gimbal_pin.export import Exported
 from gimbal_pin.log.limited import describe_limits
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.charts import Chart, Charts, Trace
-from gimbal_pin.report.elements import Section, Table, bullets, folded, list_warnings, notice, paragraph
+from gimbal_pin.report.elements import (
+    Section,
+    Table,
+    bullets,
+    folded,
+    list_warnings,
+    notice,
+    paragraph,
+)
 from gimbal_pin.report.format import controller_name, joint_colours, list_shown_joints, listed
 from gimbal_pin.report.loop_chart import LoopPicture
 from gimbal_pin.report.tables import TOGETHER
@@ -51,7 +59,9 @@ def show_controller(tuning: Tuning) -> Section:
         *([paragraph(f"{listed(fast)}: {no_cascade}", "side")] if fast else []),
         folded("The loops", LoopPicture(tuning.loop_curves, colours, controller_name(wish.kind))),
     ]
-    lead = "How fast the loops are, and how far from instability: with the delay, at the worst pose."
+    lead = (
+        "How fast the loops are, and how far from instability: with the delay, at the worst pose."
+    )
     return Section("Controller", parts, lead)
 
 
@@ -64,7 +74,9 @@ def show_judgement(judged: Judgement) -> Section:
         "controller's."
     )
     parts = [paragraph(figures, "side"), tables.judgement(judged, list_shown_joints(judged.rig))]
-    return Section("Perturbed plants", parts, "Every controller meets the same plants and the same noise.")
+    return Section(
+        "Perturbed plants", parts, "Every controller meets the same plants and the same noise."
+    )
 
 
 def show_tracking(result: Tracking) -> Section:
@@ -72,16 +84,25 @@ def show_tracking(result: Tracking) -> Section:
     rig = result.rig
     joints = list_shown_joints(result.rig)
     steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
-    note = f" The plant is {result.plant}, with the rig's sensors, delay and torque limits." if result.plant else ""
+    note = (
+        f" The plant is {result.plant}, with the rig's sensors, delay and torque limits."
+        if result.plant
+        else ""
+    )
     said = f"Minimum-jerk steps of {steps}.{note} All of it is simulated, not run on the gimbal."
-    shares = [(one, {name: own.saturated for name, own in one.joints.items()}) for one in result.experiments]
+    shares = [
+        (one, {name: own.saturated for name, own in one.joints.items()})
+        for one in result.experiments
+    ]
     limits = [
         f"{one.name}, {controller_name(one.controller)}: {text}"
         for one, share in shares
         if (text := describe_limits(share))
     ]
     # The baseline is drawn in grey, behind the others.
-    drawn = sorted((x for x in result.experiments if x.name == TOGETHER), key=lambda x: x.controller != RIVAL)
+    drawn = sorted(
+        (x for x in result.experiments if x.name == TOGETHER), key=lambda x: x.controller != RIVAL
+    )
     names = listed(controller_name(one.controller) for one in drawn)
     alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {names}"
     caption = "Reference (dashed) and angle, the error, which should stay near zero, and the torque of its limit."
@@ -99,7 +120,9 @@ def draw_steps(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
     alike = len({joint.unit for joint in joints}) == len({*np.isfinite(rig.tau_max).tolist()}) == 1
     gaps = (0.35 if alike else 0.85, 0.33)
     ratios = [1.5, 1.2, 1]
-    figure, panels = plots.panels(3, rig.n, 5.4, ratios=ratios, gaps=gaps, share=(True, "row" if alike else False))
+    figure, panels = plots.panels(
+        3, rig.n, 5.4, ratios=ratios, gaps=gaps, share=(True, "row" if alike else False)
+    )
     names = [controller_name(one.controller) for one in experiments]
     for j, (joint, (above, middle, below)) in enumerate(zip(joints, panels.T)):
         limit = float(rig.tau_max[j])
@@ -111,7 +134,13 @@ def draw_steps(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
             tau = np.asarray(one.log.tau)[:, j]
             plots.curve(above, t, joint.scale * one.q[:, j], color=colour, lw=width)
             plots.curve(middle, t, joint.scale * (wanted - one.q[:, j]), color=colour, lw=width)
-            plots.curve(below, t, 100 * tau / limit if isfinite(limit) else tau, color=colour, lw=0.8 * width)
+            plots.curve(
+                below,
+                t,
+                100 * tau / limit if isfinite(limit) else tau,
+                color=colour,
+                lw=0.8 * width,
+            )
         plots.curve(above, t, joint.scale * wanted, color=plots.INK, lw=1.0, ls=(0, (4, 3)))
         for axes in (middle, below):
             plots.zero_line(axes)
@@ -136,8 +165,14 @@ def chart_steps(rig: Rig, experiments: Sequence[Experiment]) -> Charts:
         limit = float(rig.tau_max[j])
         wanted = joint.scale * np.asarray(first.q_ref)[:, j]
         angles = [joint.scale * one.q[:, j] for one in experiments]
-        torques = [np.asarray(one.log.tau)[:, j] * (100 / limit if isfinite(limit) else 1.0) for one in experiments]
-        shades = [*(RIVAL_COLOURS[k % len(RIVAL_COLOURS)] for k in range(len(names) - 1)), joint.colour]
+        torques = [
+            np.asarray(one.log.tau)[:, j] * (100 / limit if isfinite(limit) else 1.0)
+            for one in experiments
+        ]
+        shades = [
+            *(RIVAL_COLOURS[k % len(RIVAL_COLOURS)] for k in range(len(names) - 1)),
+            joint.colour,
+        ]
         shown = {
             f"position, {joint.unit}": angles,
             f"error, {joint.unit}": [wanted - angle for angle in angles],
@@ -145,7 +180,9 @@ def chart_steps(rig: Rig, experiments: Sequence[Experiment]) -> Charts:
         }
         for row, (label, several) in zip(rows, shown.items()):
             curves = [Trace(*one) for one in zip(names, several, shades)]
-            curves += [Trace("reference", wanted, plots.INK, dashes=(5, 4))] if several is angles else []
+            curves += (
+                [Trace("reference", wanted, plots.INK, dashes=(5, 4))] if several is angles else []
+            )
             row.append(Chart(joint.name, joint.colour, label, first.t, curves, {}))
     return Charts("steps", rows)
 

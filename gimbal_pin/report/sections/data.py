@@ -19,7 +19,16 @@ from gimbal_pin.log.io.inspection import Inspected, summarize_stream
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.charts import Chart, Charts, Trace
-from gimbal_pin.report.elements import Content, Element, Section, Table, bullets, folded, heading, paragraph
+from gimbal_pin.report.elements import (
+    Content,
+    Element,
+    Section,
+    Table,
+    bullets,
+    folded,
+    heading,
+    paragraph,
+)
 from gimbal_pin.report.format import (
     DASH,
     PALETTE,
@@ -59,18 +68,46 @@ def show_rig(rig: Rig, weighed: float | None = None) -> Section:
         torque = figures(float(rig.tau_max[j])) if isfinite(rig.tau_max[j]) else DASH
         constant = DASH if motor.torque_constant is None else figures(motor.torque_constant)
         limits.append([joint.label, rig.links[j], travel, *rates, torque, constant])
-        carried = sum(rig.model.inertias[k].mass for k in range(1, rig.n + 1) if j + 1 in list(rig.model.supports[k]))
+        carried = sum(
+            rig.model.inertias[k].mass
+            for k in range(1, rig.n + 1)
+            if j + 1 in list(rig.model.supports[k])
+        )
         encoder = [DASH, DASH]
         if motor.encoder_bits:
             encoder = [f"{motor.encoder_bits:g} bit", joint.text(motor.encoder_step, digits=2)]
         iron = [str(count) if count else DASH for count in (motor.slots, motor.poles)]
-        motors.append([joint.label, *encoder, *iron, *(figures(x) for x in (dry, viscous, motor.armature, carried))])
+        motors.append(
+            [
+                joint.label,
+                *encoder,
+                *iron,
+                *(figures(x) for x in (dry, viscous, motor.armature, carried)),
+            ]
+        )
     looks = list_shown_joints(rig)
     force, viscous, inertia = (
-        " or ".join(dict.fromkeys(one.in_units(unit) for one in looks)) for unit in ("N m", "N m s/rad", "kg m²")
+        " or ".join(dict.fromkeys(one.in_units(unit) for one in looks))
+        for unit in ("N m", "N m s/rad", "kg m²")
     )
-    head = ["Joint", "Moves", "Travel", "Rate", "Acceleration", f"Torque limit, {force}", f"Torque constant, {force}/A"]
-    more = ["Joint", "Encoder", "Step", "Slots", "Poles", f"Coulomb, {force}", f"Viscous, {viscous}"]
+    head = [
+        "Joint",
+        "Moves",
+        "Travel",
+        "Rate",
+        "Acceleration",
+        f"Torque limit, {force}",
+        f"Torque constant, {force}/A",
+    ]
+    more = [
+        "Joint",
+        "Encoder",
+        "Step",
+        "Slots",
+        "Poles",
+        f"Coulomb, {force}",
+        f"Viscous, {viscous}",
+    ]
     more += [f"Rotor, {inertia}", "Carries, kg"]
     loads = "Motors, sensors and loads, as given"
     parts = [
@@ -85,7 +122,10 @@ def show_check(found: Checked) -> Section:
     """Return a checked rig: its joints, what its motors bear, and what a log of it must hold."""
     rig = found.rig
     looks = list_shown_joints(found.rig)
-    loads = (f"{figures(round(found.joints[x.name].gravity_torque, 9))} {x.force} at {x.name}" for x in looks)
+    loads = (
+        f"{figures(round(found.joints[x.name].gravity_torque, 9))} {x.force} at {x.name}"
+        for x in looks
+    )
     lines = [
         f"gravity       takes up to {listed(loads)}",
         f"camera frame  {found.camera_frame} (+x is the line of sight; 'camera_frame:' and 'optical_axis:' in a YAML)",
@@ -112,29 +152,44 @@ def show_base(found: Base) -> Section:
     lists = {"Identifiable": found.names, "Without any trace in the torques": found.unidentifiable}
     for motion, words in (("tilted", "leans or shifts"), ("rotating", "turns")):
         names = [entry["name"] for entry in found.to_dict()["moving_base"][motion]["adds"]]
-        lists[f"A base that {words} adds {len(names)}: {len(found.terms) + len(names)} in all"] = tuple(names)
+        lists[f"A base that {words} adds {len(names)}: {len(found.terms) + len(names)} in all"] = (
+            tuple(names)
+        )
     parts = (part for title, names in lists.items() for part in (heading(title), bullets(names)))
     return Section("Base parameters", [paragraph(counts), *parts])
 
 
 def show_bundled(bundled: Mapping[str, Any]) -> Section:
     """Return the bundled rigs and payloads."""
-    bodies = [(name, rig["payload"] or "", rig["description"]) for name, rig in bundled["rigs"].items()]
+    bodies = [
+        (name, rig["payload"] or "", rig["description"]) for name, rig in bundled["rigs"].items()
+    ]
     loads = [(name, payload["description"]) for name, payload in bundled["payloads"].items()]
-    return Section("Bundled", [Table(["Rig", "Payload", ""], bodies, texts=3), Table(["Payload", ""], loads, texts=2)])
+    return Section(
+        "Bundled",
+        [Table(["Rig", "Payload", ""], bodies, texts=3), Table(["Payload", ""], loads, texts=2)],
+    )
 
 
 def describe_rig_and_payload(rig: Rig, weighed: float | None) -> Markup:
     """Return what is mounted and what the frames are called."""
     stated = float(get_stated_payload(rig)[0])
-    mass, extra = (stated, "") if weighed is None else (weighed, f" as weighed; its URDF says {figures(stated)} kg")
+    mass, extra = (
+        (stated, "")
+        if weighed is None
+        else (weighed, f" as weighed; its URDF says {figures(stated)} kg")
+    )
     moved = sum(body.mass for body in rig.model.inertias[1:]) + mass - stated
     parts = [Markup("Moved mass {} kg.").format(figures(moved))]
     if rig.payload:
         weight = f" ({figures(mass)} kg{extra})" if mass else ""
         parts.append(Markup("Payload <b>{}</b>{}.").format(rig.payload, weight))
     parts.append(Markup("Base link <code>{}</code>.").format(rig.base))
-    parts += [Markup("Line of sight along x of <code>{}</code>.").format(rig.camera_frame)] if rig.aims else []
+    parts += (
+        [Markup("Line of sight along x of <code>{}</code>.").format(rig.camera_frame)]
+        if rig.aims
+        else []
+    )
     parts += [Markup("IMUs on {}.").format(listed(rig.config.imus))] if rig.config.imus else []
     return Markup(" ").join(parts)
 
@@ -145,7 +200,9 @@ def show_logs(rig: Rig | None, logs: Sequence[Log]) -> Section:
     `rig`: None: angles are in radians, and no limit is known.
     """
     names = logs[0].joints if rig is None else rig.joints
-    radians = tuple(ShownJoint(name, colour, 1.0, "rad") for name, colour in zip(names, joint_colours(names)))
+    radians = tuple(
+        ShownJoint(name, colour, 1.0, "rad") for name, colour in zip(names, joint_colours(names))
+    )
     joints = radians if rig is None else list_shown_joints(rig)
     payload = None if rig is None else rig.payload
     force = forces(joints)
@@ -154,27 +211,48 @@ def show_logs(rig: Rig | None, logs: Sequence[Log]) -> Section:
         length, rate = (figures(x, 4) for x in (float(log.t[-1] - log.t[0]), 1 / log.dt))
         measured = "measured" if log.v is not None else "from angles"
         samples = f"{len(log):,}".replace(",", " ")
-        rows.append([file_name(log.name), log.payload or payload or DASH, length, rate, samples, measured])
+        rows.append(
+            [file_name(log.name), log.payload or payload or DASH, length, rate, samples, measured]
+        )
     each: list[list[Content]] = []
     for j, joint in enumerate(joints):
         low = min(float(log.q[:, j].min()) for log in logs)
         high = max(float(log.q[:, j].max()) for log in logs)
         rates = (np.gradient(log.q[:, j], log.t) if log.v is None else log.v[:, j] for log in logs)
-        tau = np.concatenate([log.tau[:, j] for log in logs if log.tau is not None] or [np.zeros(1)])
+        tau = np.concatenate(
+            [log.tau[:, j] for log in logs if log.tau is not None] or [np.zeros(1)]
+        )
         top = float(np.abs(tau).max())
         limit = inf if rig is None else float(rig.tau_max[j])
         fastest = joint.text(max(float(np.abs(rate).max()) for rate in rates), "/s")
         torques = figures(float(np.sqrt(np.mean(tau**2)))), figures(top)
         share = f"{100 * top / limit:.0f} %" if isfinite(limit) else DASH
-        each.append([joint.label, f"{joint.text(low)} … {joint.text(high)}", fastest, *torques, share])
+        each.append(
+            [joint.label, f"{joint.text(low)} … {joint.text(high)}", fastest, *torques, share]
+        )
     head = ["Log", "Payload", "Length, s", "Rate, Hz", "Samples", "Joint rates"]
-    cover = ["Joint", "Travel", "Largest rate", f"Torque rms, {force}", f"Largest torque, {force}", "of the limit"]
-    parts: list[object] = [Table(head, rows, texts=2, caption="Logs"), Table(cover, each, caption="Covered")]
+    cover = [
+        "Joint",
+        "Travel",
+        "Largest rate",
+        f"Torque rms, {force}",
+        f"Largest torque, {force}",
+        "of the limit",
+    ]
+    parts: list[object] = [
+        Table(head, rows, texts=2, caption="Logs"),
+        Table(cover, each, caption="Covered"),
+    ]
     for log in logs[:DRAWN]:
         caption = f"{file_name(log.name)}: what was recorded; all joints should move, far and at many rates."
         parts.append(folded(f"Over time: {file_name(log.name)}", picture_log(joints, log, caption)))
     events = [f"{file_name(log.name)}: {event}" for log in logs for event in log.events]
-    return Section("Data", [*parts, *([bullets(events)] if events else [])], "What the model was learnt from.", True)
+    return Section(
+        "Data",
+        [*parts, *([bullets(events)] if events else [])],
+        "What the model was learnt from.",
+        True,
+    )
 
 
 def picture_log(joints: Sequence[ShownJoint], log: Log, caption: str) -> plots.Drawing:
@@ -196,7 +274,14 @@ def chart_log(joints: Sequence[ShownJoint], log: Log) -> Charts:
     if log.tau is not None:
         shown[f"torque, {forces(joints)}"] = log.tau
     charts = [
-        Chart("", plots.INK, label, log.t, [Trace(one.name, y, one.colour) for one, y in zip(joints, values.T)], {})
+        Chart(
+            "",
+            plots.INK,
+            label,
+            log.t,
+            [Trace(one.name, y, one.colour) for one, y in zip(joints, values.T)],
+            {},
+        )
         for label, values in shown.items()
     ]
     return Charts(log.name, [charts])
@@ -204,7 +289,9 @@ def chart_log(joints: Sequence[ShownJoint], log: Log) -> Charts:
 
 def show_file(found: Inspected, altered: Sequence[Alteration] = ()) -> Section:
     """Return the picture of a file's channels, their tables, what the verbs would alter, and the proposed mapping."""
-    picture = plots.Drawing(partial(draw_channels, found), f"Every channel of {found.name} over time", "As recorded.")
+    picture = plots.Drawing(
+        partial(draw_channels, found), f"Every channel of {found.name} over time", "As recorded."
+    )
     parts: list[object] = [Element(Markup(), found.name), picture]
     for stream in found.streams:
         parts += [bullets(summarize_stream(stream)), tables.channels(stream.channels)]
@@ -221,13 +308,21 @@ def draw_channels(found: Inspected) -> plots.Figure:
     panels = [
         (stream, kind, [c for c in stream.channels if c.kind == kind][:MOST_CURVES])
         for stream in found.streams
-        for kind in dict.fromkeys(c.kind for c in stream.channels if c.kind not in ("time", "constant", "copy"))
+        for kind in dict.fromkeys(
+            c.kind for c in stream.channels if c.kind not in ("time", "constant", "copy")
+        )
     ]
-    figure, axes = plots.panels(max(len(panels), 1), 1, 0.9 + PANEL_HEIGHT * max(len(panels), 1), gaps=(0.75, 0.5))
+    figure, axes = plots.panels(
+        max(len(panels), 1), 1, 0.9 + PANEL_HEIGHT * max(len(panels), 1), gaps=(0.75, 0.5)
+    )
     for row, (stream, kind, several) in zip(axes[:, 0], panels):
         for channel, colour in zip(several, PALETTE):
-            plots.curve(row, stream.t - stream.t[0], stream.data[channel.column], color=colour, lw=1.0)
-        plots.put_legend(row, [(channel.column, colour) for channel, colour in zip(several, PALETTE)])
+            plots.curve(
+                row, stream.t - stream.t[0], stream.data[channel.column], color=colour, lw=1.0
+            )
+        plots.put_legend(
+            row, [(channel.column, colour) for channel, colour in zip(several, PALETTE)]
+        )
         units = dict.fromkeys(channel.unit for channel in several)
         row.set_ylabel(f"{kind}, {'/'.join(units)}" if any(units) else kind)
     axes[-1, 0].set_xlabel("time, s")

@@ -29,7 +29,15 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.charts import Chart, Charts, Trace, list_abscissae
-from gimbal_pin.report.elements import Content, Element, Section, bullets, folded, heading, paragraph
+from gimbal_pin.report.elements import (
+    Content,
+    Element,
+    Section,
+    bullets,
+    folded,
+    heading,
+    paragraph,
+)
 from gimbal_pin.report.evaluation import find_worst
 from gimbal_pin.report.format import (
     ShownJoint,
@@ -51,7 +59,9 @@ VERDICTS = {
     "nothing": "No error was found in the refitted model beyond the limits below.",
     "data": "The log itself is at fault: nothing that it seems to say about the rig should be believed.",
 }
-BY_PLATFORM_ALONE = "This is by the platform's motion alone, as its IMU tells it: below stands what that is worth."
+BY_PLATFORM_ALONE = (
+    "This is by the platform's motion alone, as its IMU tells it: below stands what that is worth."
+)
 SPOILT = "What a fit of the log finds all the same, and what is not to be acted on:"
 MOST_POINTS = 700
 """Most dots in a cloud, and points of a curve over time in one stretch."""
@@ -68,12 +78,22 @@ def show_diagnosis(found: Diagnosis) -> Section:
     tone = "good" if found.verdict_without_platform == "nothing" else "fair"
     named = ((f"{one.joint or 'rig'}: {' or '.join(one.alike)}", one) for one in found.findings)
     heads = [f"{name}; {tables.state_probability(one)}" for name, one in named]
-    questioned = list(dict.fromkeys([*(one.joint for one in found.findings if one.joint), *found.unexplained]))
-    decided = [paragraph(state_verdict(found), f"headline {tone}"), Markup(bullets(heads)), *state_model_errors(found)]
+    questioned = list(
+        dict.fromkeys([*(one.joint for one in found.findings if one.joint), *found.unexplained])
+    )
+    decided = [
+        paragraph(state_verdict(found), f"headline {tone}"),
+        Markup(bullets(heads)),
+        *state_model_errors(found),
+    ]
     parts: list[object] = [RigDrawing(found.after.rig, questioned, found.given.balance, decided)]
     if found.spoiling:
         faults = [f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling]
-        parts.append(bullets([*faults, *(tables.state_size(p) for fault in found.spoiling for p in fault.answer)]))
+        parts.append(
+            bullets(
+                [*faults, *(tables.state_size(p) for fault in found.spoiling for p in fault.answer)]
+            )
+        )
         parts += [paragraph(SPOILT)] if found.findings else []
     joints = () if found.held is None else list_shown_joints(found.held.rig)
     for finding in found.findings:
@@ -88,10 +108,18 @@ def show_diagnosis(found: Diagnosis) -> Section:
         parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
         left = picture_residuals(found, joints, found.held)
         parts.append(folded("What is left over angle, rate, time and frequency", left))
-    simulated = "Simulated: error of the position, rms, after 0.2 s of simulation from the held-out torque."
+    simulated = (
+        "Simulated: error of the position, rms, after 0.2 s of simulation from the held-out torque."
+    )
     if found.held is not None and (found.findings or found.is_extended):
-        parts += [heading("What knowing it gains"), tables.gain(found, joints), paragraph(simulated, "side")]
-        parts += [paragraph(f"{line}.") for line in describe_worse_errors(found.baseline, found.extended)]
+        parts += [
+            heading("What knowing it gains"),
+            tables.gain(found, joints),
+            paragraph(simulated, "side"),
+        ]
+        parts += [
+            paragraph(f"{line}.") for line in describe_worse_errors(found.baseline, found.extended)
+        ]
     given = replace(found.given, apart=None) if found.finds_payload else found.given
     parts += show_payload(given, *qualify_payload(found))
     late = describe_lags(found.after) if found.held is not None else []
@@ -111,7 +139,9 @@ def state_verdict(found: Diagnosis) -> str:
     parts = list(map(to_sentence, found.statements))
     if found.lacking or found.unexplained or not parts:
         parts.append(
-            VERDICTS[verdict].format(named=listed(named or [""]), unexplained=listed(found.unexplained or [""]))
+            VERDICTS[verdict].format(
+                named=listed(named or [""]), unexplained=listed(found.unexplained or [""])
+            )
         )
     if verdict == "named" and open_:
         parts.append(f"It may also lack {listed(open_)}: this log leaves open which.")
@@ -129,7 +159,11 @@ def state_model_errors(found: Diagnosis) -> list[Element]:
 
     Of spoilt logs nothing.
     """
-    judged = [] if found.held is None or found.spoiling else zip(found.residual, found.held.used.tolist())
+    judged = (
+        []
+        if found.held is None or found.spoiling
+        else zip(found.residual, found.held.used.tolist())
+    )
     moved = [joint for joint, used in judged if used >= LEAST_JUDGED_SHARE]
     if not moved:
         return []
@@ -159,20 +193,30 @@ def show_finding(finding: Finding, believed: bool = True) -> list[object]:
         lines.append(f"{to_sentence(finding.open)} Try {finding.experiment}.")
     cause = CAUSES.get(finding.cause)
     if believed:
-        lines.append(f"What to do about it: {COMPENSATION if cause is None else cause.compensation}.")
+        lines.append(
+            f"What to do about it: {COMPENSATION if cause is None else cause.compensation}."
+        )
     before, after = (finding.gain[f"rollout_rmse_{when}"] for when in ("before", "after"))
     if before > 0 and isfinite(after):
         share = digits(after / before, 2)
-        lines.append(f"Simulated from the same torque, the angle is off by {share} times what it was without it.")
+        lines.append(
+            f"Simulated from the same torque, the angle is off by {share} times what it was without it."
+        )
     said = finding.sentence.removeprefix(f"{finding.joint or 'rig'}: {finding.cause}, ")
     parts: list[object] = [heading(f"{finding.joint or 'Rig'}: {' or '.join(finding.alike)}")]
     parts += [paragraph(to_sentence(said)), bullets(lines)]
-    parts += [folded(f"Its {len(finding.sized)} figures", tables.tabulate_sizes(finding))] if is_listed else []
+    parts += (
+        [folded(f"Its {len(finding.sized)} figures", tables.tabulate_sizes(finding))]
+        if is_listed
+        else []
+    )
     parts += [tables.rivals(finding)] if finding.rivals else []
     return parts
 
 
-def picture_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Evidence) -> plots.Drawing:
+def picture_residuals(
+    found: Diagnosis, joints: tuple[ShownJoint, ...], held: Evidence
+) -> plots.Drawing:
     """Return the residual's four faces, one column per joint, in the rig's order.
 
     Where not all joints find room these are, first, those with findings, the strongest first, then those with
@@ -190,14 +234,17 @@ def picture_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Ev
     )
     if any(found.residual[joint.name].curve is not None for joint in shown):
         caption += (
-            " Black: what no cause explains and the extended model carries, on paper within two standard deviations."
+            " Black: what no cause explains and the extended model carries, on paper within "
+            "two standard deviations."
         )
     draw = partial(draw_residuals, found, joints, order, held)
     charts = partial(chart_residuals, found, shown, order, held)
     return plots.Drawing(draw, alt, caption, charts=charts)
 
 
-def chart_residuals(found: Diagnosis, shown: Sequence[ShownJoint], order: list[int], held: Evidence) -> Charts:
+def chart_residuals(
+    found: Diagnosis, shown: Sequence[ShownJoint], order: list[int], held: Evidence
+) -> Charts:
     """Return a row per joint: the residual, over time where it is judged, and beside it its amplitude over frequency.
 
     Of several logs time goes on from one to the next.
@@ -205,7 +252,12 @@ def chart_residuals(found: Diagnosis, shown: Sequence[ShownJoint], order: list[i
     steps = [part.channels.t - part.channels.t[0] + part.dt for part in held.parts]
     jumps = len(found.logs) > 1
     ends = np.cumsum([0.0, *(step[-1] for step in steps)])
-    t = np.concatenate([step + end if jumps else part.channels.t for step, end, part in zip(steps, ends, held.parts)])
+    t = np.concatenate(
+        [
+            step + end if jumps else part.channels.t
+            for step, end, part in zip(steps, ends, held.parts)
+        ]
+    )
     q, v = (np.concatenate([getattr(part.channels, name) for part in held.parts]) for name in "qv")
     judged = np.where(np.concatenate([part.gate for part in held.parts]) > OPEN, 1.0, np.nan)
     errors = [compute_filtered_error(held, model) for model in (found.before, found.after)]
@@ -213,19 +265,28 @@ def chart_residuals(found: Diagnosis, shown: Sequence[ShownJoint], order: list[i
     for joint, j in zip(shown, order):
         scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()), joint.force)
         looks = (("model", plots.PLAIN), ("extended model", joint.colour))
-        left = [Trace(name, judged[:, j] * scale * error[:, j], colour) for (name, colour), error in zip(looks, errors)]
+        left = [
+            Trace(name, judged[:, j] * scale * error[:, j], colour)
+            for (name, colour), error in zip(looks, errors)
+        ]
         spectra = [compute_amplitude_density(held, scale * error[:, j]) for error in errors]
         curve = found.residual[joint.name].curve
         over = list_abscissae(joint, q[:, j], v[:, j])
         if curve is not None:
             x = v[:, j] if curve.over == "rate" else q[:, j]
-            left.append(Trace("unexplained", scale * np.interp(x, curve.knots, curve.torque), plots.INK))
-        heard = [Trace(name, density, colour) for (name, colour), (_, density) in zip(looks, spectra)]
+            left.append(
+                Trace("unexplained", scale * np.interp(x, curve.knots, curve.torque), plots.INK)
+            )
+        heard = [
+            Trace(name, density, colour) for (name, colour), (_, density) in zip(looks, spectra)
+        ]
         looked = f"amplitude, {unit}/√Hz"
         rows.append(
             [
                 Chart(joint.name, joint.colour, f"residual, {unit}", t, left, over),
-                Chart(joint.name, joint.colour, looked, spectra[0][0], heard, {}, "frequency, Hz", "y"),
+                Chart(
+                    joint.name, joint.colour, looked, spectra[0][0], heard, {}, "frequency, Hz", "y"
+                ),
             ]
         )
     return Charts("held out" if jumps else found.logs[0], rows)
@@ -239,7 +300,12 @@ def find_worst_stretch(found: Diagnosis, longest: float = 60.0) -> tuple[Log, Lo
     traces = list[tuple[Log, TorqueTrace]]()
     for log in found.data:
         with suppress(DataError):
-            traces.append((log.ordered(found.before.rig), trace_torques(found.before, log, choose_filtering(found))))
+            traces.append(
+                (
+                    log.ordered(found.before.rig),
+                    trace_torques(found.before, log, choose_filtering(found)),
+                )
+            )
     size = np.sqrt(np.mean(np.concatenate([one.measured for _, one in traces]) ** 2, axis=0))
     shares = [np.sum((one.residual / np.maximum(size, 1e-300)) ** 2, axis=1) for _, one in traces]
     worst = [find_worst(one.t, share, longest) for (_, one), share in zip(traces, shares)]
@@ -272,7 +338,9 @@ def picture_torques(found: Diagnosis, log: Log) -> plots.Drawing:
     return plots.Drawing(lambda: make().draw(), alt, caption, charts=make)
 
 
-def chart_torques_of_models(joints: Sequence[ShownJoint], before: TorqueTrace, after: TorqueTrace) -> Charts:
+def chart_torques_of_models(
+    joints: Sequence[ShownJoint], before: TorqueTrace, after: TorqueTrace
+) -> Charts:
     """Return a row per joint: torque, and beside it the residual; curves are broken at gaps of the log."""
     rows = list[list[Chart]]()
     steps = np.diff(after.t, prepend=after.t[0])
@@ -282,14 +350,23 @@ def chart_torques_of_models(joints: Sequence[ShownJoint], before: TorqueTrace, a
         looks = (("model", before, plots.PLAIN), ("extended model", after, joint.colour))
         torques = [Trace("measured", whole * after.measured[:, j], plots.INK)]
         torques += [Trace(name, whole * one.model[:, j], colour) for name, one, colour in looks]
-        left = [Trace(name, whole * scale * one.residual[:, j], colour) for name, one, colour in looks]
+        left = [
+            Trace(name, whole * scale * one.residual[:, j], colour) for name, one, colour in looks
+        ]
         over = list_abscissae(joint, after.q[:, j], after.v[:, j])
         each = ((f"torque, {joint.force}", torques), (f"residual, {unit}", left))
-        rows.append([Chart(joint.name, joint.colour, label, after.t, curves, over) for label, curves in each])
+        rows.append(
+            [
+                Chart(joint.name, joint.colour, label, after.t, curves, over)
+                for label, curves in each
+            ]
+        )
     return Charts(after.log, rows)
 
 
-def draw_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], held: Evidence) -> plots.Figure:
+def draw_residuals(
+    found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], held: Evidence
+) -> plots.Figure:
     """Draw the residuals."""
     figure, panels = plots.panels(4, len(order), 7.6, gaps=(0.95, 0.6))
     errors = [compute_filtered_error(held, model) for model in (found.before, found.after)]
@@ -297,12 +374,18 @@ def draw_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list
     for column, j in zip(panels.T, order):
         joint = joints[j]
         scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()), joint.force)
-        drawn = [(scale * error[:, j], colour) for error, colour in zip(errors, (plots.PLAIN, joint.colour))]
+        drawn = [
+            (scale * error[:, j], colour)
+            for error, colour in zip(errors, (plots.PLAIN, joint.colour))
+        ]
         column[0].set_title(joint.name, color=joint.colour)
         rows = np.flatnonzero(open_[:, j])
         rows = rows[:: max(1, len(rows) // MOST_POINTS)]
         for axes, name, per in ((column[0], "q", ""), (column[1], "v", "/s")):
-            x = joint.scale * np.concatenate([getattr(part.channels, name)[:, j] for part in held.parts])[rows]
+            x = (
+                joint.scale
+                * np.concatenate([getattr(part.channels, name)[:, j] for part in held.parts])[rows]
+            )
             for error, colour in drawn:
                 plots.dots(axes, x, error[rows], colour)
             axes.set_xlabel(f"{'rate' if per else 'angle'}, {joint.unit}{per}")
@@ -328,7 +411,9 @@ def draw_over_time_and_frequency(
 ) -> None:
     """Draw an error over time, broken where it is not judged, and its amplitude density."""
     ends = np.cumsum([len(part.gate) for part in held.parts])
-    for part, own, judged in zip(held.parts, np.split(error, ends[:-1]), np.split(is_judged, ends[:-1])):
+    for part, own, judged in zip(
+        held.parts, np.split(error, ends[:-1]), np.split(is_judged, ends[:-1])
+    ):
         shown = plots.thinned(part.channels.t, np.where(judged, own, np.nan), MOST_POINTS)
         panels[0].plot(*shown, color=colour, lw=0.9)
     panels[1].plot(*compute_amplitude_density(held, error), color=colour, lw=1.3)
@@ -340,6 +425,8 @@ def compute_amplitude_density(held: Evidence, error: Array) -> tuple[Array, Arra
 
     ends = np.cumsum([len(part.gate) for part in held.parts])
     part, own = max(zip(held.parts, np.split(error, ends[:-1])), key=lambda each: len(each[1]))
-    frequency, power = welch(own, 1 / part.dt, nperseg=min(len(own), max(8, round(SEGMENT / part.dt))))
+    frequency, power = welch(
+        own, 1 / part.dt, nperseg=min(len(own), max(8, round(SEGMENT / part.dt)))
+    )
     kept = (frequency > 0) & (frequency <= held.band)
     return frequency[kept], np.sqrt(np.maximum(power[kept], 1e-300))

@@ -33,7 +33,9 @@ OUTSIDE = 3.0
 def _make_panels(count: int, top: float) -> tuple[Figure, Sequence[Axes]]:
     """Return a figure with so many panels, two in a row, with room for titles at the `top`, in."""
     rows = -(-count // 2)
-    figure, axes = plots.panels(rows, 2, 0.55 + top + 1.9 * rows, right=0.3, top=top, gaps=(0.75, 0.8))
+    figure, axes = plots.panels(
+        rows, 2, 0.55 + top + 1.9 * rows, right=0.3, top=top, gaps=(0.75, 0.8)
+    )
     for panel in axes.flat[count:]:
         panel.set_axis_off()
     return figure, axes.flat[:count]
@@ -44,7 +46,12 @@ def _make_panels(count: int, top: float) -> tuple[Figure, Sequence[Axes]]:
 
 def describe_monte_carlo(found: MonteCarlo) -> Document:
     """Return how many rigs meet what was asked for, how the figures are spread, what costs most, and the worst."""
-    failed = Card("Not simulated", str(found.failed), "impossible, or diverged", "poor" if found.failed else "good")
+    failed = Card(
+        "Not simulated",
+        str(found.failed),
+        "impossible, or diverged",
+        "poor" if found.failed else "good",
+    )
     top = [Card("Rigs", str(found.count), f"{len(found.inputs)} inputs vary"), failed]
     said = f"{found.count} rig{'s' * (found.count != 1)}"
     said += f", {found.failed} of which could not be simulated" if found.failed else ""
@@ -65,7 +72,9 @@ def describe_monte_carlo(found: MonteCarlo) -> Document:
         Section("Yield", [paragraph(f"{found.rig}: {said}"), cards(top)]),
         Section("Distributions", [picture, _tabulate_spreads(found)]),
         Section("What costs most", [_tabulate_influences(found)] if found.inputs else [], lead),
-        Section("The worst", [_tabulate_worst(found)], "Rigs that failed, then those that use most."),
+        Section(
+            "The worst", [_tabulate_worst(found)], "Rigs that failed, then those that use most."
+        ),
     ]
     return Document(f"Monte Carlo: {found.rig}", found.payload or "", sections)
 
@@ -94,15 +103,21 @@ def _tabulate_influences(found: MonteCarlo) -> Table:
     first = found.sensitivity[:SHOWN].drop(columns="rank_correlation")
     if first["total"].notna().any():
         rows = [(name, *map(figures, own)) for name, *own in first.itertuples()]
-        return Table(["Input", "First order", "± 95 %", "Total", "± 95 %"], rows, label="Sobol indices")
+        return Table(
+            ["Input", "First order", "± 95 %", "Total", "± 95 %"], rows, label="Sobol indices"
+        )
     used = "the share of the specification used" if found.specification else next(iter(found.units))
-    ranks = [(name, figures(x)) for name, x in found.sensitivity["rank_correlation"][:SHOWN].items()]
+    ranks = [
+        (name, figures(x)) for name, x in found.sensitivity["rank_correlation"][:SHOWN].items()
+    ]
     return Table(["Input", f"Rank correlation with {used}"], ranks, label="Rank correlations")
 
 
 def _tabulate_worst(found: MonteCarlo) -> Table:
     """The rigs that use most of the specification, with what costs most of it."""
-    asked = list(dict.fromkeys(limit.figure for limit in found.specification)) or list(found.units)[:1]
+    asked = (
+        list(dict.fromkeys(limit.figure for limit in found.specification)) or list(found.units)[:1]
+    )
     inputs = list(found.sensitivity.index[:3])
     errors = ["error"] * any(row["error"] for row in found.worst)
     rows = [
@@ -114,7 +129,12 @@ def _tabulate_worst(found: MonteCarlo) -> Table:
         )
         for row in found.worst
     ]
-    heads = ["Rig", *(name.title() for name in errors), *(_label_figure(found, name) for name in asked), *inputs]
+    heads = [
+        "Rig",
+        *(name.title() for name in errors),
+        *(_label_figure(found, name) for name in asked),
+        *inputs,
+    ]
     return Table(heads, rows, texts=1 + len(errors), label="Worst rigs")
 
 
@@ -141,7 +161,11 @@ def _draw_distributions(found: MonteCarlo) -> Figure:
 
 def describe_fleet(found: Fleet) -> Document:
     """Return who passes and why the others do not, the fleet's parameters, what changed, and the causes."""
-    looks = {Verdict.FAIL: ("Fail", "poor"), Verdict.RETEST: ("Test again", "fair"), Verdict.PASS: ("Pass", "good")}
+    looks = {
+        Verdict.FAIL: ("Fail", "poor"),
+        Verdict.RETEST: ("Test again", "fair"),
+        Verdict.PASS: ("Pass", "good"),
+    }
     units = len(found.units)
     counts = found.counts
     top = [
@@ -164,13 +188,21 @@ def describe_fleet(found: Fleet) -> Document:
         "an arrow is beyond the axis. All logs of a unit count together: a dot beyond the dashes need not be of one "
         "that deviates.",
     )
-    changes = [own for unit in found.units for own in unit.deviations if own.kind is not DeviationKind.OFFSET][:PANELS]
+    changes = [
+        own
+        for unit in found.units
+        for own in unit.deviations
+        if own.kind is not DeviationKind.OFFSET
+    ][:PANELS]
     drawn = plots.Drawing(
         partial(_draw_changes, found, changes),
         "Parameters that changed, over time",
         "Each log with its 95 % interval; grey: the fleet's mean, and what a unit's logs do not tell from it.",
     )
-    rows = [(one.cause, one.joint or "the rig", f"{one.units} of {one.of}") for one in found.causes[:FIRST]]
+    rows = [
+        (one.cause, one.joint or "the rig", f"{one.units} of {one.of}")
+        for one in found.causes[:FIRST]
+    ]
     causes = [Table(["Cause", "Joint", "Units"], rows, texts=2, label="Causes")] if rows else []
     sections = [
         Section("Verdict", verdicts),
@@ -183,11 +215,16 @@ def describe_fleet(found: Fleet) -> Document:
 
 def _describe_verdicts(found: Fleet) -> str:
     """How many units pass, in a sentence."""
-    units, logs = (f"{n} {word}{'s' * (n != 1)}" for n, word in ((len(found.units), "unit"), (found.logs, "log")))
+    units, logs = (
+        f"{n} {word}{'s' * (n != 1)}"
+        for n, word in ((len(found.units), "unit"), (found.logs, "log"))
+    )
     failed = f", {found.failed} of which could not be used" if found.failed else ""
     against = f", against {found.reference}" if found.reference else ""
     passing, failing, others = (found.counts[one] for one in Verdict)
-    result = f"{passing} pass, {failing} fail" + (f", {others} to be tested again" if others else "")
+    result = f"{passing} pass, {failing} fail" + (
+        f", {others} to be tested again" if others else ""
+    )
     return f"{found.rig}: {units}, {logs}{failed}{against}: {result}."
 
 
@@ -200,7 +237,12 @@ def _list_facts(found: Fleet, unit: JudgedUnit) -> Iterator[tuple[str, str, str,
     """Yield what speaks against a unit: what, its size, how many standard deviations, since when."""
     for own in unit.deviations:
         sign = "+" if own.shift > 0 else ""
-        size = " ".join([*interval(own.shift, NORMAL_95 * own.shift_std), found.population["unit"][own.parameter]])
+        size = " ".join(
+            [
+                *interval(own.shift, NORMAL_95 * own.shift_std),
+                found.population["unit"][own.parameter],
+            ]
+        )
         since = own.since or ("drifts" if own.kind is DeviationKind.DRIFT else "first log")
         yield own.parameter, f"{sign}{size}", f"{sign}{figures(own.score, 2)}", since
     yield from ((str(own), DASH, DASH, own.since or "first log") for own in unit.causes)
@@ -216,7 +258,10 @@ def _tabulate_units(found: Fleet) -> Table:
         facts = list(_list_facts(found, unit))
         if len(facts) > FACTS:
             facts[FACTS:] = [(f"and {len(facts) - FACTS} more", "", "", "")]
-        names = [unit.unit, f"{unit.verdict.value}: {', '.join(reason.value for reason in unit.reasons)}"]
+        names = [
+            unit.unit,
+            f"{unit.verdict.value}: {', '.join(reason.value for reason in unit.reasons)}",
+        ]
         rows += [(*(names if k == 0 else ("", "")), *fact) for k, fact in enumerate(facts)]
     heads = ["Unit", "Verdict", "What", "By how much, ± 95 %", "Deviations", "Since"]
     return Table(heads, rows, texts=3, label="Units that do not pass")
@@ -230,10 +275,26 @@ def _tabulate_population(found: Fleet) -> Table:
         repeat = own.repeat if has_repeats else None
         middle = interval(own.mean, NORMAL_95 * own.mean_std)
         rows.append(
-            (own.Index, own.unit, *middle, *(figures(x, 2) for x in (own.spread, own.p_value, repeat, own.detectable)))
+            (
+                own.Index,
+                own.unit,
+                *middle,
+                *(figures(x, 2) for x in (own.spread, own.p_value, repeat, own.detectable)),
+            )
         )
-    heads = ["Parameter", "Unit", "Mean", "± 95 %", "Between units", "p, all alike", "Between logs", "Shown from"]
-    caption = "Parameters of the reference fleet" if found.reference else "Parameters over the fleet"
+    heads = [
+        "Parameter",
+        "Unit",
+        "Mean",
+        "± 95 %",
+        "Between units",
+        "p, all alike",
+        "Between logs",
+        "Shown from",
+    ]
+    caption = (
+        "Parameters of the reference fleet" if found.reference else "Parameters over the fleet"
+    )
     return Table(heads, rows, texts=2, caption=caption)
 
 
@@ -243,23 +304,39 @@ def _draw_units(found: Fleet) -> Figure:
     used = found.table[found.table["error"].isna()]
     for row, own in enumerate(found.population.itertuples()):
         off = (used[f"value.{own.Index}"].astype(float) - own.mean) / own.detectable
-        odd = sorted(unit.unit for unit in found.units if any(one.parameter == own.Index for one in unit.deviations))
+        odd = sorted(
+            unit.unit
+            for unit in found.units
+            if any(one.parameter == own.Index for one in unit.deviations)
+        )
         plain = (off.notna() & ~used["serial"].isin(odd)).to_numpy()
         places = row + 0.12 * (np.arange(len(off)) % 5 - 2)
-        plots.dots(axes, np.clip(off.to_numpy()[plain], -OUTSIDE, OUTSIDE), places[plain], PALETTE[0])
+        plots.dots(
+            axes, np.clip(off.to_numpy()[plain], -OUTSIDE, OUTSIDE), places[plain], PALETTE[0]
+        )
         for k, unit in enumerate(odd):
             mine = off[used["serial"] == unit].dropna().to_numpy()
-            for marker, is_so in (("o", np.abs(mine) <= OUTSIDE), ("<", mine < -OUTSIDE), (">", mine > OUTSIDE)):
+            for marker, is_so in (
+                ("o", np.abs(mine) <= OUTSIDE),
+                ("<", mine < -OUTSIDE),
+                (">", mine > OUTSIDE),
+            ):
                 x = np.clip(mine[is_so], -OUTSIDE, OUTSIDE)
-                axes.plot(x, np.full(len(x), float(row)), marker, color=PALETTE[1], ms=5, clip_on=False)
+                axes.plot(
+                    x, np.full(len(x), float(row)), marker, color=PALETTE[1], ms=5, clip_on=False
+                )
             farthest = float(np.clip(mine[np.abs(mine).argmax()], -OUTSIDE, OUTSIDE))
             side, shift = ("right", -7) if farthest > 0 else ("left", 7)
             beside = (shift, 5 - 12 * (k % 2))
             text = shortened(unit, 16)
-            axes.annotate(text, (farthest, row), beside, textcoords="offset points", ha=side, fontsize=8)
+            axes.annotate(
+                text, (farthest, row), beside, textcoords="offset points", ha=side, fontsize=8
+            )
     for x in (-1, 1):
         axes.axvline(x, color=plots.INK, lw=1.0, ls="--")
-    axes.set_yticks(range(len(found.population)), [shortened(name, 36) for name in found.population.index])
+    axes.set_yticks(
+        range(len(found.population)), [shortened(name, 36) for name in found.population.index]
+    )
     axes.set_ylim(len(found.population) - 0.4, -0.6)
     axes.set_xlim(-OUTSIDE, OUTSIDE)
     whose = "reference fleet" if found.reference else "fleet"
@@ -273,9 +350,12 @@ def _draw_changes(found: Fleet, changes: Sequence[Deviation]) -> Figure:
 
     figure, panels = _make_panels(len(changes), top=0.35)
     for panel, own in zip(panels, changes):
-        mine = found.table[(found.table["serial"] == own.unit) & found.table["error"].isna()].sort_values("time")
+        mine = found.table[
+            (found.table["serial"] == own.unit) & found.table["error"].isna()
+        ].sort_values("time")
         times, values, std = (
-            mine[name].astype(float) for name in ("time", f"value.{own.parameter}", f"std.{own.parameter}")
+            mine[name].astype(float)
+            for name in ("time", f"value.{own.parameter}", f"std.{own.parameter}")
         )
         mean, half = found.population.loc[own.parameter, ["mean", "detectable"]]
         panel.axhspan(mean - half, mean + half, color=plots.PLAIN, alpha=0.2)

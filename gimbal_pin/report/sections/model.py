@@ -72,7 +72,9 @@ LOOSE = 0.1
 """Standard deviation, in shares of a parameter, beyond which the log is said to leave it open."""
 
 
-def show_parameters(found: Identified, payload: PayloadStatement | None, evaluated: Evaluated | None = None) -> Section:
+def show_parameters(
+    found: Identified, payload: PayloadStatement | None, evaluated: Evaluated | None = None
+) -> Section:
     """Return warnings, base parameters and friction with 95 % intervals, the nearest bodies, and the payload's place.
 
     `payload`: None where another section has it. `evaluated`: the rows that the model is judged by; None: nothing is
@@ -89,15 +91,28 @@ def show_parameters(found: Identified, payload: PayloadStatement | None, evaluat
 
 def show_model(found: Model) -> Section:
     """Return what a model has beside its rig's bodies, and what of it does not hold elsewhere."""
-    causes: list[tuple[Cause, tuple[float, ...]]] = [(term.effect, term.values) for term in found.terms]
+    causes: list[tuple[Cause, tuple[float, ...]]] = [
+        (term.effect, term.values) for term in found.terms
+    ]
     causes += [(cause, ()) for cause in (*found.drive, *found.changes)]
     rows = [
-        [cause.place, cause.name, ", ".join(describe_form(cause)) or DASH, ", ".join(map(figures, values)) or DASH]
+        [
+            cause.place,
+            cause.name,
+            ", ".join(describe_form(cause)) or DASH,
+            ", ".join(map(figures, values)) or DASH,
+        ]
         for cause, values in causes
     ]
     known = "as the URDF states it" if found.estimated is None else "as identified"
-    parts = [*list_warnings([str(doubt) for doubt in found.doubts]), paragraph(f"The rig's bodies are {known}.")]
-    return Section("Model", [*parts, Table(["At", "Cause", "Form", "Coefficients"], rows, texts=4, label="Causes")])
+    parts = [
+        *list_warnings([str(doubt) for doubt in found.doubts]),
+        paragraph(f"The rig's bodies are {known}."),
+    ]
+    return Section(
+        "Model",
+        [*parts, Table(["At", "Cause", "Form", "Coefficients"], rows, texts=4, label="Causes")],
+    )
 
 
 def describe_form(cause: Cause) -> list[str]:
@@ -110,15 +125,29 @@ def show_cameras(found: Several) -> Section:
     """Return what is wrong; every camera's own parameters, accuracy and balance; then the gimbal's."""
     parts: list[object] = [*list_warnings(found.warnings)]
     for name, camera in found.cameras.items():
-        parts += [heading(name), tables.tabulate_camera(camera), tables.torque_errors(found.identified[name])]
+        parts += [
+            heading(name),
+            tables.tabulate_camera(camera),
+            tables.torque_errors(found.identified[name]),
+        ]
         parts += show_payload(found.payloads[name])
-    parts += [heading(f"The gimbal, with {found.first.model.rig.payload}"), paragraph(found.sentence)]
-    return Section("Cameras", [*parts, *list_parameter_parts(found.first), *list_notes(found.first)])
+    parts += [
+        heading(f"The gimbal, with {found.first.model.rig.payload}"),
+        paragraph(found.sentence),
+    ]
+    return Section(
+        "Cameras", [*parts, *list_parameter_parts(found.first), *list_notes(found.first)]
+    )
 
 
 def list_notes(found: Identified) -> list[Folded]:
     """Return what of the logs was not used or was altered, how IMUs sit, and when torques act."""
-    notes = [*found.notes, *list_altered(found.altered), *list_mountings(found), *describe_lags(found.model)]
+    notes = [
+        *found.notes,
+        *list_altered(found.altered),
+        *list_mountings(found),
+        *describe_lags(found.model),
+    ]
     return [folded("Notes", bullets(notes), is_detail=False)] if notes else []
 
 
@@ -135,7 +164,11 @@ def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) 
     trust = f"± 95 %, the URDF's bodies trusted to {100 * found.trust:.3g} % (--trust). *: the log hardly shows it, it"
     parts = [
         paragraph(describe_estimate(found, every)),
-        *([] if evaluated is None else [folded("What each of them moves", picture_moved(every, force))]),
+        *(
+            []
+            if evaluated is None
+            else [folded("What each of them moves", picture_moved(every, force))]
+        ),
         folded(
             base,
             paragraph(f"{combined}; {tables.AWAY}.", "side"),
@@ -148,20 +181,38 @@ def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) 
     for line, place in zip(tables.list_tables(found), find_tables(found).values()):
         values = tables.parameters([rows[k] for k in place], None, line, force)
         parts.append(
-            Element(Markup(folded(line, values).__html__()), f"{line}; all of them in the model's file and --json")
+            Element(
+                Markup(folded(line, values).__html__()),
+                f"{line}; all of them in the model's file and --json",
+            )
         )
-    parts += [] if evaluated is None else [folded("Friction over the rate", picture_effects(found, evaluated))]
+    parts += (
+        []
+        if evaluated is None
+        else [folded("Friction over the rate", picture_effects(found, evaluated))]
+    )
     parts += describe_bound(found)
     parts += [] if agreement is None else [paragraph(f"{agreement.sentence}.")]
-    parts += [] if agreement is None or not agreement.drifting else [tables.drifting_parameters(agreement)]
-    bodies = tables.tabulate_bodies(found.bodies), paragraph(f"{trust} stays near the URDF's.", "side")
+    parts += (
+        []
+        if agreement is None or not agreement.drifting
+        else [tables.drifting_parameters(agreement)]
+    )
+    bodies = (
+        tables.tabulate_bodies(found.bodies),
+        paragraph(f"{trust} stays near the URDF's.", "side"),
+    )
     return [*parts, folded("The nearest bodies", *bodies, is_detail=False)]
 
 
 def show_payload(payload: PayloadStatement, *more: Element) -> list[Folded]:
     """Where the payload sits and what it weighs against the given model, and how to balance it; then `more` of that."""
     lines = (*payload.lines, *payload.advice)
-    return [folded("The payload against its URDF (± 95 %)", bullets(lines), *more, is_detail=False)] if lines else []
+    return (
+        [folded("The payload against its URDF (± 95 %)", bullets(lines), *more, is_detail=False)]
+        if lines
+        else []
+    )
 
 
 def picture_moved(every: Sequence[KnownParameter], force: str) -> plots.Drawing:
@@ -174,14 +225,21 @@ def picture_moved(every: Sequence[KnownParameter], force: str) -> plots.Drawing:
         axes = panels[0, 0]
         moved = np.array([one.moved for one in every])
         half = np.array([one.half * (one.reach or 0.0) for one in every])
-        least = 0.5 * max(float(np.min(np.where(moved > half, moved - half, moved))), 1e-6 * float(moved.max()))
+        least = 0.5 * max(
+            float(np.min(np.where(moved > half, moved - half, moved))), 1e-6 * float(moved.max())
+        )
         for row, (one, value, width) in enumerate(zip(every, moved.tolist(), half.tolist())):
             ends = [max(value - width, least), value + width]
             axes.plot(ends, [row, row], color=one.colour, lw=2.2, alpha=0.55)
             inside = plots.PAPER if one.value < 0 else one.colour
             axes.plot(max(value, least), row, "o", ms=5.5, mec=one.colour, mfc=inside, mew=1.5)
         axes.set_yticks(range(len(every)), names, fontsize=8.5)
-        axes.set(xscale="log", xlim=(least, None), ylim=(len(every) - 0.4, -0.6), xlabel=f"torque moved, {force} rms")
+        axes.set(
+            xscale="log",
+            xlim=(least, None),
+            ylim=(len(every) - 0.4, -0.6),
+            xlabel=f"torque moved, {force} rms",
+        )
         axes.tick_params(length=0)
         return figure
 
@@ -216,27 +274,49 @@ def picture_effects(found: Identified, evaluated: Evaluated) -> plots.Drawing:
             half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
             curves = [Trace("torque", torque, joint.colour, half=half)]
             over = f"rate, {joint.unit}/s"
-            row.append(Chart(joint.name, joint.colour, f"torque, {joint.force}", joint.scale * v, curves, {}, over))
+            row.append(
+                Chart(
+                    joint.name,
+                    joint.colour,
+                    f"torque, {joint.force}",
+                    joint.scale * v,
+                    curves,
+                    {},
+                    over,
+                )
+            )
         return Charts("friction", [row])
 
     alt = f"Friction torque over rate of {', '.join(found.model.rig.joints)}"
-    caption = "Torque of all effects over the joint's rate: where the 95 % band is wide, it is guessed."
+    caption = (
+        "Torque of all effects over the joint's rate: where the 95 % band is wide, it is guessed."
+    )
     return plots.Drawing(lambda: make().draw(), alt, caption, charts=make)
 
 
 def describe_estimate(found: Identified, every: Sequence[KnownParameter]) -> str:
     """Say how many parameters there are, which are in doubt, and whether bodies exist that have them."""
     doubtful = [short(one.name) for one in every if one.tone == "poor" and one.reach]
-    doubt = f"; of those that move much torque, the log leaves {listed(doubtful)} in doubt" if doubtful else ""
+    doubt = (
+        f"; of those that move much torque, the log leaves {listed(doubtful)} in doubt"
+        if doubtful
+        else ""
+    )
     condition = figures(found.estimate.condition_number, 2)
     method = f"{len(found.names)} parameters by {found.estimate.method}, deviations by {found.estimate.uncertainty}"
     text = f"{method}{doubt}; condition number {condition} (columns of unit size)."
-    text += "" if found.estimate.std.all() else f" {DASH}: not estimated here, but taken as it was known."
+    text += (
+        ""
+        if found.estimate.std.all()
+        else f" {DASH}: not estimated here, but taken as it was known."
+    )
     if found.bias is not None and not found.is_of_two_rigs:
         text = f"{text} {to_sentence(found.bias.sentence)}"
     if found.physical:
         return f"{text} Bodies exist that have these parameters."
-    change = torque_text(max(found.torque_change.values()), force=forces(list_shown_joints(found.model.rig)))
+    change = torque_text(
+        max(found.torque_change.values()), force=forces(list_shown_joints(found.model.rig))
+    )
     return (
         f"{text} No bodies exist that have exactly these. The nearest that do, {figures(found.consistent.distance, 2)} "
         f"standard deviations away, change the torque by at most {change} rms; they go back into the URDF."
@@ -257,10 +337,13 @@ def describe_bound(found: Identified) -> list[Element]:
 def describe_lags(found: Model) -> list[str]:
     """Say when each joint's torque acts, in one line; nothing where that was stated."""
     each = [
-        f"{joint} {' '.join(interval(1e3 * lag, 1e3 * NORMAL_95 * std))} ms" for joint, (lag, std) in found.lags.items()
+        f"{joint} {' '.join(interval(1e3 * lag, 1e3 * NORMAL_95 * std))} ms"
+        for joint, (lag, std) in found.lags.items()
     ]
     said = f"delay between a torque's time stamp and its effect, hold included (± 95 %): {', '.join(each)}"
-    return [f"{said}; tune takes the latest of them, less half a sample for the hold"] if each else []
+    return (
+        [f"{said}; tune takes the latest of them, less half a sample for the hold"] if each else []
+    )
 
 
 def list_mountings(found: Identified) -> list[str]:
@@ -268,10 +351,14 @@ def list_mountings(found: Identified) -> list[str]:
     lines = []
     for log, links in found.mountings.items():
         for link, how in links.items():
-            turn, bias = (f"{digits(np.degrees(np.linalg.norm(x)))}°" for x in (how.misalignment, how.bias))
+            turn, bias = (
+                f"{digits(np.degrees(np.linalg.norm(x)))}°" for x in (how.misalignment, how.bias)
+            )
             after = f", its gyro then differs from the encoders by {digits(degrees(how.after), 2)}°/s rms"
             gap = "" if isnan(how.after) else after
-            lines.append(f"{log}: IMU of {link} is turned by {turn}, its gyro's bias is {bias}/s{gap}")
+            lines.append(
+                f"{log}: IMU of {link} is turned by {turn}, its gyro's bias is {bias}/s{gap}"
+            )
     return lines
 
 
@@ -283,7 +370,11 @@ def short(name: str) -> str:
 
 def show_torque(found: Identified, evaluated: Evaluated | None = None) -> Section:
     """Return the fit's figures, and where rows are given the torques and the residual, over time and rate."""
-    where = f"on {rows_named(found.held_out.how)}, which the fit did not see" if found.held_out else "on its own rows"
+    where = (
+        f"on {rows_named(found.held_out.how)}, which the fit did not see"
+        if found.held_out
+        else "on its own rows"
+    )
     filtered = (
         f"Everything below is filtered at {found.filtering.cutoff:g} Hz, measured and predicted alike. A joint is "
         "judged where it moves: near standstill dry friction bears any torque, and motion does not tell which."
@@ -321,7 +412,9 @@ def worst(evaluated: Evaluated) -> tuple[EvaluatedPart, bool]:
     """Return the stretch of `LONGEST_DRAWN` s whose error, as a share of torque, is largest, and if there is more."""
     best: tuple[float, EvaluatedPart] | None = None
     for part in evaluated.parts:
-        score, rows = find_worst(part.t, np.sum((part.error / evaluated.scale) ** 2, axis=1), LONGEST_DRAWN)
+        score, rows = find_worst(
+            part.t, np.sum((part.error / evaluated.scale) ** 2, axis=1), LONGEST_DRAWN
+        )
         if best is None or score > best[0]:
             best = score, part.cut(rows)
     assert best is not None  # an evaluation has at least one part
@@ -353,18 +446,27 @@ def overlays(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> plots.Figur
         room, above, below = panels[3 * j : 3 * j + 3]
         room.remove()  # the legend's place
         scale, unit = torque_unit(float(np.abs(part.error[:, j]).max()), joint.force)
-        drawn = ((above, part.measured, plots.PLAIN, 4.0), (above, part.predicted, joint.colour, 1.3))
+        drawn = (
+            (above, part.measured, plots.PLAIN, 4.0),
+            (above, part.predicted, joint.colour, 1.3),
+        )
         left = np.where(part.share < JUDGED_SHARE, np.nan, scale * part.error)
         for axes, values, colour, width in (*drawn, (below, left, joint.colour, 1.0)):
             plots.curve(
-                axes, *smooth_curve(part.t, values[:, j]), color=colour, lw=width, alpha=0.6 if width > 2 else 1.0
+                axes,
+                *smooth_curve(part.t, values[:, j]),
+                color=colour,
+                lw=width,
+                alpha=0.6 if width > 2 else 1.0,
             )
         edges = np.flatnonzero(np.diff(np.pad(part.share[:, j] < JUDGED_SHARE, 1).astype(int)))
         for axes, (start, end) in product((above, below), edges.reshape(-1, 2).tolist()):
             stretch = part.t[max(start - 1, 0)], part.t[min(end, len(part.t) - 1)]
             axes.axvspan(*stretch, color=plots.MUTED, alpha=0.13, zorder=0)  # near standstill
         plots.zero_line(below)
-        plots.put_legend(above, [(f"{joint.name}: measured", plots.PLAIN), ("predicted", joint.colour)])
+        plots.put_legend(
+            above, [(f"{joint.name}: measured", plots.PLAIN), ("predicted", joint.colour)]
+        )
         above.set(ylabel=f"torque, {joint.force}")
         below.set(ylabel=f"residual,\n{unit}")
     panels[-1].set(xlabel="time, s", xlim=(part.t[0], part.t[-1]))
@@ -381,8 +483,13 @@ def chart_torques(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> Charts
         over = list_abscissae(joint, part.q[:, j], part.v[:, j])
         measured = Trace("measured", part.measured[:, j], plots.PLAIN, width=4.0)
         torques = [measured, Trace("model", part.predicted[:, j], joint.colour)]
-        each = ((f"torque, {joint.force}", torques), (f"residual, {unit}", [Trace("residual", residual, joint.colour)]))
-        rows.append([Chart(joint.name, joint.colour, label, part.t, curves, over) for label, curves in each])
+        each = (
+            (f"torque, {joint.force}", torques),
+            (f"residual, {unit}", [Trace("residual", residual, joint.colour)]),
+        )
+        rows.append(
+            [Chart(joint.name, joint.colour, label, part.t, curves, over) for label, curves in each]
+        )
     return Charts(part.log, rows)
 
 
@@ -413,7 +520,9 @@ def clouds(joints: tuple[ShownJoint, ...], evaluated: Evaluated) -> plots.Figure
             pairs = [(v[group], error[group]) for group in groups if len(group) > 1]
             middle, mean = (np.array([pair[k].mean() for pair in pairs]) for k in (0, 1))
             sure = np.array([own.std() / np.sqrt(len(own)) for _, own in pairs])
-            above.fill_between(middle, mean - 2 * sure, mean + 2 * sure, color=plots.INK, alpha=0.18)
+            above.fill_between(
+                middle, mean - 2 * sure, mean + 2 * sure, color=plots.INK, alpha=0.18
+            )
             above.plot(middle, mean, color=plots.INK, lw=1.3)
         plots.zero_line(above)
         bins = int(np.clip(1.5 * len(error) ** 0.5, 8, 40))

@@ -20,7 +20,9 @@ PATIENCE = 60.0
 """Longest wait for one answer of the browser, s."""
 
 
-def take_pictures(page: str, times: Sequence[float], size: tuple[int, int], take: Callable[[bytes], object]) -> None:
+def take_pictures(
+    page: str, times: Sequence[float], size: tuple[int, int], take: Callable[[bytes], object]
+) -> None:
     """Hand the PNG of each instant of a recorded page to `take`, in order.
 
     `times`: seconds since the start of playing; `size`: width and height, pixels.
@@ -37,7 +39,11 @@ def take_pictures(page: str, times: Sequence[float], size: tuple[int, int], take
 
 
 async def shoot(
-    page: str, times: Sequence[float], size: tuple[int, int], take: Callable[[bytes], object], ended: Event
+    page: str,
+    times: Sequence[float],
+    size: tuple[int, int],
+    take: Callable[[bytes], object],
+    ended: Event,
 ) -> None:
     """Open the page and hand over its pictures, until `ended` is set; a progress bar counts them.
 
@@ -49,10 +55,16 @@ async def shoot(
 
     # Two million pixels to a message: while one lot is handed over, the next one is drawn.
     count = max(1, round(2e6 / (size[0] * size[1])))
-    with tqdm(total=len(times), desc="frames", unit="frame", disable=None if len(times) > 30 else True) as bar:
+    with tqdm(
+        total=len(times), desc="frames", unit="frame", disable=None if len(times) > 30 else True
+    ) as bar:
 
         async def draw(batch: Sequence[float]) -> list[str]:
-            return await evaluate(tab, f"pictures({list(batch)}, {size[0]}, {size[1]})") if batch else []
+            return (
+                await evaluate(tab, f"pictures({list(batch)}, {size[0]}, {size[1]})")
+                if batch
+                else []
+            )
 
         async def hand_over(uris: list[str]) -> None:
             for uri in uris:
@@ -76,7 +88,9 @@ async def opened(page: str) -> AsyncIterator[Tab]:
         from choreographer.browsers import BrowserFailedError
         from choreographer.browsers.chromium import ChromeNotFoundError, Chromium
     except ImportError as error:
-        raise UsageError("video", "choreographer is not installed", "pip install 'gimbal-pin[video]'") from error
+        raise UsageError(
+            "video", "choreographer is not installed", "pip install 'gimbal-pin[video]'"
+        ) from error
 
     class Tidy(Chromium):
         """Chromium that keeps its scratch files in its profile, which is removed however it ends."""
@@ -111,6 +125,14 @@ async def evaluate(tab: Tab, expression: str) -> Any:
             "chromium", f"gave no answer for {PATIENCE:.0f} s", "try a smaller picture, or .html"
         ) from error
     if "exceptionDetails" in answer:
-        reason = answer["exceptionDetails"].get("exception", {}).get("description", "an error without a text")
-        raise UsageError("chromium", f"cannot draw the scene: {reason.splitlines()[0]}", "enable WebGL, or write .html")
+        reason = (
+            answer["exceptionDetails"]
+            .get("exception", {})
+            .get("description", "an error without a text")
+        )
+        raise UsageError(
+            "chromium",
+            f"cannot draw the scene: {reason.splitlines()[0]}",
+            "enable WebGL, or write .html",
+        )
     return answer["result"].get("value")

@@ -43,7 +43,11 @@ def build_figure(rig: Rig, solids: Sequence[Solid], root: str) -> list[three.Jso
     for joint, path in enumerate(list_scene_paths(rig, root)):
         parts = [
             three.Drawable(
-                x.shape.geometry, x.placement, three.glossy(x.rgba, **facets(x)), casts=x.rgba[3] >= 1, receives=True
+                x.shape.geometry,
+                x.placement,
+                three.glossy(x.rgba, **facets(x)),
+                casts=x.rgba[3] >= 1,
+                receives=True,
             )
             for x in moved_by(solids, joint)
         ]
@@ -57,13 +61,19 @@ def ghost(rig: Rig, solids: Sequence[Solid], root: str) -> list[three.Json]:
     A first pass writes depth alone, so that the second one tints each pixel once, however many parts lie behind it.
     Both are pushed back a little: where rig and reference agree the ghost is not seen.
     """
-    behind: three.Json = {"polygonOffset": True, "polygonOffsetFactor": 1.0, "polygonOffsetUnits": 8.0}
+    behind: three.Json = {
+        "polygonOffset": True,
+        "polygonOffsetFactor": 1.0,
+        "polygonOffsetUnits": 8.0,
+    }
     depth = three.flat(REFERENCE, 0.0, colorWrite=False, **behind) | {"depthWrite": True}
     tint = three.flat(REFERENCE, 0.32, kind="MeshLambertMaterial", **behind)
     commands = []
     for joint, path in enumerate(list_scene_paths(rig, root)[1:], start=1):
         parts = [
-            three.Drawable(solid.shape.geometry, solid.placement, material | facets(solid), order=order)
+            three.Drawable(
+                solid.shape.geometry, solid.placement, material | facets(solid), order=order
+            )
             for order, material in ((1, depth), (2, tint))
             for solid in moved_by(solids, joint)
         ]
@@ -78,7 +88,10 @@ def facets(solid: Solid) -> three.Json:
 
 def pose_commands(rig: Rig, poses: Poses, root: str) -> list[three.Json]:
     """Return the commands that put the groups where the first frame has them."""
-    return [three.command_pose(*pair) for pair in zip(list_scene_paths(rig, root), poses.local[0], strict=True)]
+    return [
+        three.command_pose(*pair)
+        for pair in zip(list_scene_paths(rig, root), poses.local[0], strict=True)
+    ]
 
 
 def tracks(rig: Rig, poses: Poses, clock: Array, root: str) -> Tracks:
@@ -117,7 +130,9 @@ def apart(
         if corners := [solid.corners for solid in moved_by(solids, joint)]:
             change = poses.world[:, joint] - reference.world[:, joint]
             radius = np.linalg.norm(np.concatenate(corners), axis=1).max()
-            turned = np.linalg.norm(change[:, :3, :3], axis=(1, 2)) / np.sqrt(2)  # of a difference of two rotations
+            turned = np.linalg.norm(change[:, :3, :3], axis=(1, 2)) / np.sqrt(
+                2
+            )  # of a difference of two rotations
             shown = np.linalg.norm(change[:, :3, 3], axis=1) + turned * radius >= least
             found[f"{path}/solids"] = [three.animate_property(".visible", "bool", clock, shown)]
     return found
@@ -127,7 +142,10 @@ def hull(solids: Sequence[Solid], world: Array) -> Array:
     """Return the corners of all solids' boxes over some of the frames, in the world, m, (K, 3)."""
     some = np.unique(np.linspace(0, len(world) - 1, 40).astype(int))
     poses = [(solid.corners, world[some, solid.joint]) for solid in solids]
-    points = [(at[:, None, :3, :3] @ corners[:, :, None])[..., 0] + at[:, None, :3, 3] for corners, at in poses]
+    points = [
+        (at[:, None, :3, :3] @ corners[:, :, None])[..., 0] + at[:, None, :3, 3]
+        for corners, at in poses
+    ]
     return np.concatenate([block.reshape(-1, 3) for block in points])
 
 
@@ -179,4 +197,8 @@ def trail(path: str, points: Array, colour: tuple[float, ...]) -> three.Json:
 def compute_heading(rig: Rig, poses: Poses) -> float:
     """Return the mean compass direction of the line of sight, rad from the world's x; 0 where it is upright."""
     direction = rays(rig, poses)[1].mean(axis=0)
-    return float(np.arctan2(direction[1], direction[0])) if np.hypot(direction[0], direction[1]) > 1e-6 else 0.0
+    return (
+        float(np.arctan2(direction[1], direction[0]))
+        if np.hypot(direction[0], direction[1]) > 1e-6
+        else 0.0
+    )

@@ -77,7 +77,9 @@ class Outlook:
     held: tuple[Shot, ...]
 
 
-def outlook(found: Verified, wanted: Array, seconds: float = SHOWN_SECONDS, rate: float = RATE) -> Outlook:
+def outlook(
+    found: Verified, wanted: Array, seconds: float = SHOWN_SECONDS, rate: float = RATE
+) -> Outlook:
     """Return what the cameras of the first seed saw, where the platform swings most.
 
     Args:
@@ -151,7 +153,9 @@ def build_pictures(seen: Outlook) -> tuple[Picture, ...]:
         wide.append(Picture(title, note, WIDE_TANGENT, one.turned, RINGS, False))
     largest = max(degrees(float(np.hypot(*one.shaken.T).max())) for one in seen.held) or 1e-6
     decade = 10.0 ** floor(log10(largest / 2))
-    step = radians(min((k * decade for k in (1, 2, 5, 10)), key=lambda step: abs(np.log(2 * step / largest))))
+    step = radians(
+        min((k * decade for k in (1, 2, 5, 10)), key=lambda step: abs(np.log(2 * step / largest)))
+    )
     long = []
     for one in seen.held:
         title = f"{one.called[:1].upper()}{one.called[1:]}, long lens"
@@ -168,10 +172,16 @@ def scenery(wanted: Array) -> tuple[Array, Array, Array]:
     (K, 2, 3); the skyline from left to right, (H, 3).
     """
     heading = float(np.arctan2(wanted[1, 0], wanted[0, 0]))
-    level = np.array([[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]])
+    level = np.array(
+        [[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]]
+    )
     own = wanted.T @ level
-    along = [[(-2.0, y, -1.0), (GRID_AHEAD, y, -1.0)] for y in np.arange(-GRID_ASIDE, GRID_ASIDE + 0.1)]
-    across = [[(x, -GRID_ASIDE, -1.0), (x, GRID_ASIDE, -1.0)] for x in np.arange(-2.0, GRID_AHEAD + 0.1)]
+    along = [
+        [(-2.0, y, -1.0), (GRID_AHEAD, y, -1.0)] for y in np.arange(-GRID_ASIDE, GRID_ASIDE + 0.1)
+    ]
+    across = [
+        [(x, -GRID_ASIDE, -1.0), (x, GRID_ASIDE, -1.0)] for x in np.arange(-2.0, GRID_AHEAD + 0.1)
+    ]
     azimuth = np.deg2rad(np.arange(-90.0, 91.0, 2.0))[::-1]
     size, waves, phase = SKYLINE.T
     elevation = np.deg2rad(1.6 + np.sin(np.outer(azimuth, waves) + phase) @ size)

@@ -52,8 +52,12 @@ class Live(contextlib.AbstractContextManager["Live"]):
         """Show the joint positions q, rad or m, (n,), and those of the ghost if given."""
         for values, root in ((q, RIG_ROOT), (q_ref, GHOST_ROOT)):
             if values is not None:
-                at = poses(self.rig.model, np.reshape(np.asarray(values, dtype=float), (1, self.rig.n)))
-                self._posed |= {c["path"]: packed(c) for c in figure.pose_commands(self.rig, at, root)}
+                at = poses(
+                    self.rig.model, np.reshape(np.asarray(values, dtype=float), (1, self.rig.n))
+                )
+                self._posed |= {
+                    c["path"]: packed(c) for c in figure.pose_commands(self.rig, at, root)
+                }
         self._server.tell(list(self._posed.values()))
 
     def play(self, log: Log, *, fps: float = 30, speed: float = 1.0, ghost: bool = True) -> float:
@@ -76,7 +80,9 @@ class Live(contextlib.AbstractContextManager["Live"]):
         if not seen:
             self.close()
             raise UsageError(
-                "live view", f"no browser opened {self.url} within {timeout:g} s", "write -o out.html instead"
+                "live view",
+                f"no browser opened {self.url} within {timeout:g} s",
+                "write -o out.html instead",
             )
 
     def close(self) -> None:
@@ -117,7 +123,9 @@ def open_window(url: str) -> bool:
         found = webbrowser.get()
     except webbrowser.Error:
         return False
-    waits = isinstance(found, webbrowser.GenericBrowser) and not isinstance(found, webbrowser.BackgroundBrowser)
+    waits = isinstance(found, webbrowser.GenericBrowser) and not isinstance(
+        found, webbrowser.BackgroundBrowser
+    )
     return not waits and found.open(url, new=2)
 
 
@@ -187,7 +195,10 @@ class Handler(BaseHTTPRequestHandler):
         """Send the page or the news."""
         host = self.headers.get("Host", "")
         token = self.server.token
-        ours = host.partition(":")[0] in (HOME, "localhost")  # any port: it may be forwarded from another machine
+        ours = host.partition(":")[0] in (
+            HOME,
+            "localhost",
+        )  # any port: it may be forwarded from another machine
         if not ours or self.headers.get("Origin", f"http://{host}") != f"http://{host}":
             self.send_error(403)
         elif self.path == f"/{token}/":
@@ -202,7 +213,11 @@ class Handler(BaseHTTPRequestHandler):
     def begin(self, kind: str) -> None:
         """Send the headers; the address, which is the key, is passed on to no one."""
         self.send_response(200)
-        for name, value in (("Content-Type", kind), ("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer")):
+        for name, value in (
+            ("Content-Type", kind),
+            ("Cache-Control", "no-store"),
+            ("Referrer-Policy", "no-referrer"),
+        ):
             self.send_header(name, value)
         self.end_headers()
 

@@ -97,7 +97,9 @@ def magnify(rig: Rig, left: Frames, right: Frames) -> tuple[Frames, Frames]:
     away = [None if aim is None else aim - run.q for run, aim in zip(runs, aims, strict=True)]
     turning = [not slides for slides in rig.slides]
     most = max(float(np.abs(one[:, turning]).max(initial=0.0)) for one in away if one is not None)
-    factor = max(k for k in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if k == 1 or k * most <= 0.25)
+    factor = max(
+        k for k in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if k == 1 or k * most <= 0.25
+    )
     name = f"{'reference, error' if both else 'first run, difference'} × {factor}"
     first, second = (
         replace(run, q_ref=None if one is None else run.q + factor * one, ghost_name=name)
@@ -128,14 +130,20 @@ def base_attitude(rig: Rig, log: Log, times: Array) -> Array | None:
     imu = log.imus.get(rig.base)
     if imu is None or imu.quat is None:
         return None
-    turns = np.where(np.sum(imu.quat[1:] * imu.quat[:-1], axis=1) < 0, -1.0, 1.0)  # q and -q are one attitude
+    turns = np.where(
+        np.sum(imu.quat[1:] * imu.quat[:-1], axis=1) < 0, -1.0, 1.0
+    )  # q and -q are one attitude
     steady = imu.quat * np.cumprod(np.append(1.0, turns))[:, None]
     found = interpolate(times, log.t, steady)[:, [1, 2, 3, 0]]
     length = np.linalg.norm(found, axis=1, keepdims=True)
-    return np.where(length > 0, found / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 0.0, 1.0]))
+    return np.where(
+        length > 0, found / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 0.0, 1.0])
+    )
 
 
-def poses(model: pin.Model, q: Array, base: Array | None = None, pivot: Array | None = None) -> Poses:
+def poses(
+    model: pin.Model, q: Array, base: Array | None = None, pivot: Array | None = None
+) -> Poses:
     """Forward kinematics of the joint positions q, (F, n), on a base with the attitude (x, y, z, w), (F, 4).
 
     The base turns about its point `pivot`, m, (3,), or about its origin. All frames at one go, as a log of hours has a

@@ -32,7 +32,13 @@ ENCODERS: Mapping[str, str] = {
 }
 """Suffix → what ffmpeg is told."""
 
-FRAME_RATES: Mapping[str, float] = {".html": 30.0, ".gif": 20.0, ".webp": 25.0, ".mp4": 30.0, ".png": 30.0}
+FRAME_RATES: Mapping[str, float] = {
+    ".html": 30.0,
+    ".gif": 20.0,
+    ".webp": 25.0,
+    ".mp4": 30.0,
+    ".png": 30.0,
+}
 """Suffix → frames per second; a GIF counts hundredths of a second, so that 20 is exact and 30 is not."""
 
 
@@ -105,13 +111,17 @@ def animate(
     """
     suffix = ".html" if path is None else Path(path).suffix.lower()
     if suffix not in FRAME_RATES:
-        raise UsageError(str(path), f"has the suffix '{suffix}'", f"use one of {', '.join(FRAME_RATES)}")
+        raise UsageError(
+            str(path), f"has the suffix '{suffix}'", f"use one of {', '.join(FRAME_RATES)}"
+        )
     if len(log) == 1 and suffix != ".png":
         raise LogError(log.name, "has one sample, which does not move", "write a picture: .png")
     if not all(16 <= side <= 4096 for side in size):
         raise UsageError("size", f"is {size[0]} × {size[1]} pixels", "give 16 to 4096 each way")
     if at is not None and not log.t[0] <= at <= log.t[-1]:
-        raise UsageError("at", f"is {at} s", f"log {log.name} runs from {log.t[0]:.6g} to {log.t[-1]:.6g} s")
+        raise UsageError(
+            "at", f"is {at} s", f"log {log.name} runs from {log.t[0]:.6g} to {log.t[-1]:.6g} s"
+        )
     rate = FRAME_RATES[suffix] if fps is None else fps
     if camera is not None and camera not in VIEWS:
         raise UsageError("camera", f"is '{camera}'", f"choose one of {', '.join(VIEWS)}")
@@ -124,22 +134,34 @@ def animate(
         both = min(len(shown.t), len(other.t))
         shown = shown.first(both)
         other = other.first(both)
-        names = (log.name, beside.name) if Path(beside.name).name == name else (name, Path(beside.name).name)
+        names = (
+            (log.name, beside.name)
+            if Path(beside.name).name == name
+            else (name, Path(beside.name).name)
+        )
         name = " | ".join(names)
-    strip = plot_strip(rig, [shown, other] if other else [shown]) if written and suffix in ENCODERS else None
+    strip = (
+        plot_strip(rig, [shown, other] if other else [shown])
+        if written and suffix in ENCODERS
+        else None
+    )
     if other is not None and ghost:
         shown, other = magnify(rig, shown, other)
     height = size[1] * (1 - strip["share"] if strip else 1)
     wide = size[0] / height if suffix in (".png", *ENCODERS) else STAGE_ASPECT
     drawn = scene(rig, shown, camera=camera, beside=other, aspect=wide)
-    recorded = render_scene(rig, name, shown, drawn, written=written, beside=other, names=names, strip=strip)
+    recorded = render_scene(
+        rig, name, shown, drawn, written=written, beside=other, names=names, strip=strip
+    )
     shot = Animation(name, recorded, drawn.events, len(shown.t))
     if path is None:
         return shot
     if suffix == ".html":
         shot.write(path)
     elif suffix == ".png":
-        away = (log.q - (log.q.mean(axis=0) if log.q_ref is None else log.q_ref))[:, log.columns(rig)]
+        away = (log.q - (log.q.mean(axis=0) if log.q_ref is None else log.q_ref))[
+            :, log.columns(rig)
+        ]
         farthest = log.t[int(np.argmax(np.sum(np.nan_to_num(away) ** 2, axis=1)))]
         found: list[bytes] = []
         instant = ((farthest if at is None else at) - log.t[0]) / speed
@@ -155,13 +177,18 @@ def film(recorded: str, shown: Frames, fps: float, size: tuple[int, int], path: 
     try:
         import imageio_ffmpeg
     except ImportError as error:
-        raise UsageError("video", "imageio-ffmpeg is not installed", "pip install 'gimbal-pin[video]'") from error
+        raise UsageError(
+            "video", "imageio-ffmpeg is not installed", "pip install 'gimbal-pin[video]'"
+        ) from error
     times = frame_times(shown.clock, 1 / fps).tolist()
     source = ("-f", "image2pipe", "-framerate", f"{fps:g}", "-c:v", "png", "-i", "-")
     with open_replacement(path) as temporary:
         command = (imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", *source)
         encode = (*command, *ENCODERS[path.suffix.lower()].split(), str(temporary))
-        with subprocess.Popen(encode, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process, ExitStack() as cut_off:
+        with (
+            subprocess.Popen(encode, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process,
+            ExitStack() as cut_off,
+        ):
             assert process.stdin is not None and process.stderr is not None  # both were asked for
             cut_off.callback(process.kill)
             with suppress(BrokenPipeError):  # ffmpeg ended early: its own words follow
@@ -169,4 +196,8 @@ def film(recorded: str, shown: Frames, fps: float, size: tuple[int, int], path: 
             cut_off.pop_all()
             reason = process.communicate()[1].decode(errors="replace").strip()
         if process.returncode:
-            raise UsageError(str(path), f"could not be encoded ({reason or 'ffmpeg gave no reason'})", "write .html")
+            raise UsageError(
+                str(path),
+                f"could not be encoded ({reason or 'ffmpeg gave no reason'})",
+                "write .html",
+            )

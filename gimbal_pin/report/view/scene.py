@@ -78,7 +78,11 @@ def scene(
     """
     solids, events, missing = visuals(rig)
     full = {solid.joint for solid in solids}
-    bare = {find_frame(rig, link).parentJoint for link in missing} - full if full else set(range(rig.n + 1))
+    bare = (
+        {find_frame(rig, link).parentJoint for link in missing} - full
+        if full
+        else set(range(rig.n + 1))
+    )
     if bare:
         solids = (*solids, *(one for one in stand_ins(rig) if one.joint in bare))
         what = ", ".join((rig.base, *rig.links)[joint] for joint in sorted(bare))
@@ -97,18 +101,29 @@ def scene(
     seen = np.vstack([points, tips, around])
     heading = figure.compute_heading(rig, moved[0])
     camera = camera or (stage.USUAL if motion.wanted is None else stage.AIMING)
-    top = np.append(np.mean([points.min(axis=0), points.max(axis=0)], axis=0)[:2], points[:, 2].max() + 0.1 * size)
+    top = np.append(
+        np.mean([points.min(axis=0), points.max(axis=0)], axis=0)[:2],
+        points[:, 2].max() + 0.1 * size,
+    )
     named = np.vstack([seen, top])
     shift = stage.place_second(named, heading, camera, aspect) if len(runs) > 1 else np.zeros(3)
     tops = tuple(top + k * shift for k in range(len(runs)))
     seen, points = (np.vstack([p + k * shift for k in range(len(runs))]) for p in (seen, points))
     seen = np.vstack([seen, tops]) if len(runs) > 1 else seen
-    views = {name: stage.camera(seen, heading, name, room, aspect, motion.wanted is not None) for name in VIEWS}
-    commands = [*stage.commands(views[camera], views.values(), np.vstack([points, around]), size), *marks]
+    views = {
+        name: stage.camera(seen, heading, name, room, aspect, motion.wanted is not None)
+        for name in VIEWS
+    }
+    commands = [
+        *stage.commands(views[camera], views.values(), np.vstack([points, around]), size),
+        *marks,
+    ]
     clips: figure.Tracks = {}
     for run, shown, home, place in zip(runs, moved, RUN_ROOTS, (np.zeros(3), shift)):
         drawn, tracks = one_run(rig, solids, run, shown, home, reach, size)
-        commands += [three.command_pose(home, three.pose(place)), *drawn] if home != RUN_ROOTS[0] else drawn
+        commands += (
+            [three.command_pose(home, three.pose(place)), *drawn] if home != RUN_ROOTS[0] else drawn
+        )
         clips |= tracks
     if len(motion.t) > 1:
         commands.append(three.play_tracks(clips, MOTION_PATH))
@@ -118,7 +133,13 @@ def scene(
 
 
 def one_run(
-    rig: Rig, solids: Sequence[Solid], motion: Frames, shown: Poses, home: str, reach: float, size: float
+    rig: Rig,
+    solids: Sequence[Solid],
+    motion: Frames,
+    shown: Poses,
+    home: str,
+    reach: float,
+    size: float,
 ) -> tuple[list[three.Json], figure.Tracks]:
     """Return what draws the rig, its line of sight and the ghost of its reference under a path, and what moves them."""
     root = f"{home}/rig"
@@ -139,7 +160,9 @@ def one_run(
             figure.trail(f"{home}/reference", figure.tips(rig, reference, reach), figure.REFERENCE),
         ]
         clips |= figure.tracks(rig, reference, motion.clock, other)
-        clips |= figure.apart(rig, solids, shown, reference, motion.clock, other, APART * size, reach)
+        clips |= figure.apart(
+            rig, solids, shown, reference, motion.clock, other, APART * size, reach
+        )
     return commands, clips
 
 
@@ -176,7 +199,9 @@ def onboard(rig: Rig, run: Pointing, seen: gaze.Outlook, wanted: Array) -> str:
     locked = np.tile(sight.reached(np.eye(3), wanted, sight.home), (rows.stop - rows.start, 1))
     name = f"held by {seen.held[-1].called} on platform {run.platform}"
     imus = {rig.base: Imu(quat=run.base[rows])}
-    log = Log(name, rig.joints, run.t[rows], run.q[rows], q_ref=locked, imus=imus, payload=rig.payload)
+    log = Log(
+        name, rig.joints, run.t[rows], run.q[rows], q_ref=locked, imus=imus, payload=rig.payload
+    )
     frames = motion(rig, log, 30.0, 1.0, True)
     moved = replace(frames, pivot=sight.centre, wanted=wanted, ghost_name="joints locked")
     return render_scene(rig, name, moved, scene(rig, moved), gaze.draw_pictures(seen, wanted, 2))
@@ -218,7 +243,9 @@ def render_scene(
         "fov": stage.FOV,
         "aspect": drawn.aspect,
         "sky": stage.SKY,
-        "views": {name: [packed(command) for command in view] for name, view in drawn.views.items()},
+        "views": {
+            name: [packed(command) for command in view] for name, view in drawn.views.items()
+        },
         "frames": len(shown.t),
         "step": float(shown.clock[1]) if len(shown.t) > 1 else 1.0,
         "fade": FADE,
@@ -255,7 +282,11 @@ def readings(rig: Rig, runs: Sequence[Frames]) -> list[three.Json]:
     """Return each joint's name and what each run reads at every frame: degrees, or millimetres of one that slides."""
     looks = [(" mm", 1e3) if slides else ("°", 180 / np.pi) for slides in rig.slides]
     return [
-        {"name": name, "unit": unit, "values": [np.round(scale * run.q[:, k], 1).tolist() for run in runs]}
+        {
+            "name": name,
+            "unit": unit,
+            "values": [np.round(scale * run.q[:, k], 1).tolist() for run in runs],
+        }
         for k, (name, (unit, scale)) in enumerate(zip(rig.joints, looks, strict=True))
     ]
 
@@ -268,7 +299,9 @@ def plot_strip(rig: Rig, runs: Sequence[Frames]) -> three.Json:
     tracked = all(run.q_ref is not None for run in runs)
     joints = list_shown_joints(rig)
     scales = np.array([joint.scale for joint in joints])
-    shown = [scales * (run.q if run.q_ref is None or not tracked else run.q_ref - run.q) for run in runs]
+    shown = [
+        scales * (run.q if run.q_ref is None or not tracked else run.q_ref - run.q) for run in runs
+    ]
     low = float(np.min(shown))
     high = float(np.max(shown))
     units = ", ".join(dict.fromkeys(joint.unit for joint in joints))
@@ -299,4 +332,6 @@ def bundle() -> str:
     spec = importlib.util.find_spec("meshcat")
     if spec is None or spec.origin is None:
         raise UsageError("meshcat", "is not installed", "pip install meshcat")
-    return (Path(spec.origin).parent / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
+    return (Path(spec.origin).parent / "viewer" / "dist" / "main.min.js").read_text(
+        encoding="utf-8"
+    )

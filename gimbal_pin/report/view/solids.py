@@ -20,9 +20,19 @@ if TYPE_CHECKING:
 
 Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 """Turns a three.js cylinder, which stands on y, onto the z of a URDF cylinder."""
-TONES = ((0.55, 0.59, 0.65, 1.0), (0.42, 0.52, 0.64, 1.0), (0.66, 0.56, 0.44, 1.0), (0.44, 0.56, 0.50, 1.0))
+TONES = (
+    (0.55, 0.59, 0.65, 1.0),
+    (0.42, 0.52, 0.64, 1.0),
+    (0.66, 0.56, 0.44, 1.0),
+    (0.44, 0.56, 0.50, 1.0),
+)
 """Colours of visuals without one, link by link in turns, so that neighbours differ."""
-STAND_IN_COLOURS = ((0.23, 0.45, 0.80, 1.0), (0.85, 0.35, 0.25, 1.0), (0.20, 0.62, 0.40, 1.0), (0.60, 0.40, 0.72, 1.0))
+STAND_IN_COLOURS = (
+    (0.23, 0.45, 0.80, 1.0),
+    (0.85, 0.35, 0.25, 1.0),
+    (0.20, 0.62, 0.40, 1.0),
+    (0.60, 0.40, 0.72, 1.0),
+)
 BONE = (0.45, 0.50, 0.58, 0.6)
 
 
@@ -84,7 +94,10 @@ class Solid:
         cylinder = {"radialSegments": count}
         sphere = {"widthSegments": count, "heightSegments": count // 2 + 1}
         return replace(
-            self, shape=replace(self.shape, geometry=geometry | (cylinder if "radiusTop" in geometry else sphere))
+            self,
+            shape=replace(
+                self.shape, geometry=geometry | (cylinder if "radiusTop" in geometry else sphere)
+            ),
         )
 
 
@@ -103,12 +116,20 @@ def attach(rig: Rig, link: str, shape: Shape, pose: Array, rgba: tuple[float, ..
 def shape_box(size: Array) -> Shape:
     """Return a box of the given edges, m."""
     width, height, depth = map(float, size)
-    return Shape({"type": "BoxGeometry", "width": width, "height": height, "depth": depth}, np.asarray(size) / 2)
+    return Shape(
+        {"type": "BoxGeometry", "width": width, "height": height, "depth": depth},
+        np.asarray(size) / 2,
+    )
 
 
 def shape_cylinder(radius: float, length: float) -> Shape:
     """Return a cylinder about z, m."""
-    geometry = {"type": "CylinderGeometry", "radiusTop": radius, "radiusBottom": radius, "height": length}
+    geometry = {
+        "type": "CylinderGeometry",
+        "radiusTop": radius,
+        "radiusBottom": radius,
+        "height": length,
+    }
     return Shape(geometry, np.array([radius, length / 2, radius]))
 
 
@@ -123,7 +144,9 @@ def shape_sphere(radius: float) -> Shape:
 def visuals(rig: Rig) -> tuple[tuple[Solid, ...], tuple[str, ...], frozenset[str]]:
     """Return the rig's solids, a sentence for each that could not be drawn as its URDF says, and the links of these."""
     robot = urdf.load_checked(rig.urdf, str(rig.path))
-    every = [(k, link.name, visual) for k, link in enumerate(robot.links) for visual in link.visuals]
+    every = [
+        (k, link.name, visual) for k, link in enumerate(robot.links) for visual in link.visuals
+    ]
     inside = (visual.material for _, _, visual in every if visual.material is not None)
     colours = {  # that materials define by name, at the robot's level or inside a visual
         one.name: tuple(map(float, one.color.rgba))
@@ -167,7 +190,9 @@ def read_shape(shape: yourdfpy.Geometry | None, meshes: Mapping[str, Mesh | str]
     read = meshes[name]
     if isinstance(read, str):
         return f"mesh '{name if len(name) <= 100 else f'{name[:99]}…'}' {read}: not drawn"
-    vertices = read.vertices * (1.0 if shape.mesh.scale is None else np.asarray(shape.mesh.scale, dtype=float))
+    vertices = read.vertices * (
+        1.0 if shape.mesh.scale is None else np.asarray(shape.mesh.scale, dtype=float)
+    )
     low = vertices.min(axis=0)
     high = vertices.max(axis=0)
     return Shape(three.buffer(vertices, read.faces), (high - low) / 2, (high + low) / 2)
@@ -186,7 +211,10 @@ def stand_ins(rig: Rig) -> tuple[Solid, ...]:
     links = (rig.base, *rig.links)
     axes = {joint.name: joint.axis for joint in urdf.load_checked(rig.urdf, str(rig.path)).joints}
     chain = sum(float(np.linalg.norm(place.translation)) for place in model.jointPlacements)
-    bodies = [np.linalg.norm(x.lever) + np.sqrt(max(np.trace(x.inertia), 0.0) / x.mass) for x in model.inertias[1:]]
+    bodies = [
+        np.linalg.norm(x.lever) + np.sqrt(max(np.trace(x.inertia), 0.0) / x.mass)
+        for x in model.inertias[1:]
+    ]
     radius = 0.06 * max(chain, *map(float, bodies), 0.02)
     drawn = list[Solid]()
     for i, link in enumerate(links):
@@ -194,7 +222,10 @@ def stand_ins(rig: Rig) -> tuple[Solid, ...]:
         ends = [np.array(model.jointPlacements[k].translation) for k in children]
         if i:
             axis = axes[rig.joints[i - 1]]
-            along = pose_along(np.array([1.0, 0, 0]) if axis is None else np.asarray(axis, dtype=float), np.zeros(3))
+            along = pose_along(
+                np.array([1.0, 0, 0]) if axis is None else np.asarray(axis, dtype=float),
+                np.zeros(3),
+            )
             colour = STAND_IN_COLOURS[(i - 1) % len(STAND_IN_COLOURS)]
             drawn.append(attach(rig, link, shape_cylinder(radius, 2.6 * radius), along, colour))
             ends.append(np.array(model.inertias[i].lever))

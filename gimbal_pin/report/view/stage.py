@@ -71,7 +71,9 @@ class Camera:
             for high, y in (("upper", 1), ("lower", -1))
             for wide, x in (("left", -1), ("right", 1))
         ]
-        return min(sides, key=lambda side: np.sum((side[1] * up > 0.55) & (side[2] * across > 0.5)))[0]
+        return min(
+            sides, key=lambda side: np.sum((side[1] * up > 0.55) & (side[2] * across > 0.5))
+        )[0]
 
     @property
     def key_light(self) -> Array:
@@ -80,7 +82,12 @@ class Camera:
 
 
 def camera(
-    points: Array, heading: float, view: str, room: float = 1.0, aspect: float = STAGE_ASPECT, aside: bool = False
+    points: Array,
+    heading: float,
+    view: str,
+    room: float = 1.0,
+    aspect: float = STAGE_ASPECT,
+    aside: bool = False,
 ) -> Camera:
     """Return the closest view of that name that holds all the points, m, (K, 3), `room` times as far away.
 
@@ -134,7 +141,10 @@ def commands(view: Camera, views: Iterable[Camera], points: Array, size: float) 
     `views`: all that may be shown. The lamps stand about what is looked at, so that the rig moves in their light.
     """
     return [
-        *(three.let(path, "visible", False) for path in ("/Background", "/Grid", "/Axes", "/Lights")),
+        *(
+            three.let(path, "visible", False)
+            for path in ("/Background", "/Grid", "/Axes", "/Lights")
+        ),
         *lights(view, np.vstack([points - one.target for one in views]), size),
         ground(view, points, size),
         *look(view),
@@ -146,7 +156,9 @@ def look(view: Camera) -> list[three.Json]:
     x, y, z = map(float, view.offset)
     distance = float(np.linalg.norm(view.offset))
     lens = {"position": [x, z, -y], "fov": FOV, "near": distance / 100, "far": distance * 50}
-    placed = (three.let("/Cameras/default/rotated/<object>", name, value) for name, value in lens.items())
+    placed = (
+        three.let("/Cameras/default/rotated/<object>", name, value) for name, value in lens.items()
+    )
     return [three.command_pose("/meshcat", three.pose(-view.target)), *placed]
 
 
@@ -165,23 +177,39 @@ def lights(view: Camera, points: Array, size: float) -> list[three.Json]:
     low = held.min(axis=0) - 0.1 * size
     high = held.max(axis=0) + 0.1 * size
     distance = 5 * size * float(np.linalg.norm(view.key_light))
-    box = dict(zip(("left", "bottom"), low[:2].tolist())) | dict(zip(("right", "top"), high[:2].tolist()))
+    box = dict(zip(("left", "bottom"), low[:2].tolist())) | dict(
+        zip(("right", "top"), high[:2].tolist())
+    )
     depth = {"near": distance - float(high[2]), "far": distance - float(low[2]) + 2 * size}
     eye = {"uuid": "shadow", "type": "OrthographicCamera", "zoom": 1, **box, **depth}
     # 512 along the shorter side: software renderers pay for them one by one
     texels = np.round(512 * (high - low)[:2] / (high - low)[:2].min()).clip(max=1024).tolist()
-    shadow = {"camera": eye, "mapSize": texels, "bias": -0.001, "normalBias": 0.02 * size, "radius": 2}
+    shadow = {
+        "camera": eye,
+        "mapSize": texels,
+        "bias": -0.001,
+        "normalBias": 0.02 * size,
+        "radius": 2,
+    }
 
     ahead = view.offset / np.linalg.norm(view.offset)
     rim = 5 * size * (0.8 * up - toward - 0.6 * left)
     middle = (back + ahead) / np.linalg.norm(back + ahead)
-    lit = 0.40 + 0.40 * back[2] * (1 + middle[2] ** 30) + 0.30 * ahead[2]  # `glossy` mirrors as much as it scatters
+    lit = (
+        0.40 + 0.40 * back[2] * (1 + middle[2] ** 30) + 0.30 * ahead[2]
+    )  # `glossy` mirrors as much as it scatters
     dimmed = min(0.97 / float(lit + 0.20 * rim[2] / np.linalg.norm(rim)), 1.0)
 
     def shine(name: str, position: Array, intensity: float, **more: object) -> three.Json:
         kind = "HemisphereLight" if name == "sky" else "DirectionalLight"
         matrix = three.matrix(three.pose(position))
-        look_of_it = {"uuid": name, "type": kind, "color": 0xFFFFFF, "intensity": dimmed * intensity, **more}
+        look_of_it = {
+            "uuid": name,
+            "type": kind,
+            "color": 0xFFFFFF,
+            "intensity": dimmed * intensity,
+            **more,
+        }
         return three.draw_object(f"/Studio/{name}", look_of_it | {"matrix": matrix})
 
     return [
@@ -200,13 +228,25 @@ def ground(view: Camera, points: Array, size: float) -> three.Json:
     dark = np.array([thrown.min(axis=0), thrown.max(axis=0)])
     pose = three.pose(np.append(dark.mean(axis=0), height))
     width, depth = map(float, 1.05 * np.ptp(dark, axis=0) + 0.02 * size)
-    catcher = {"type": "ShadowMaterial", "color": 0x10161F, "opacity": 0.2, "transparent": True, "depthWrite": False}
-    plane = three.Drawable({"type": "PlaneGeometry", "width": width, "height": depth}, pose, catcher, receives=True)
+    catcher = {
+        "type": "ShadowMaterial",
+        "color": 0x10161F,
+        "opacity": 0.2,
+        "transparent": True,
+        "depthWrite": False,
+    }
+    plane = three.Drawable(
+        {"type": "PlaneGeometry", "width": width, "height": depth}, pose, catcher, receives=True
+    )
     ends, alpha = build_grid(points.mean(axis=0)[:2], 5.0 * size, spacing(size))
     ends = np.column_stack([ends, np.full(len(ends), height)])
     colours = np.column_stack([np.ones((len(ends), 3)), alpha])
-    look_of_it = three.flat(GRID_COLOUR, kind="LineBasicMaterial", vertexColors=2, transparent=True, depthWrite=False)
-    lines = three.Drawable(three.buffer(ends, colours=colours), three.IDENTITY, look_of_it, kind="LineSegments")
+    look_of_it = three.flat(
+        GRID_COLOUR, kind="LineBasicMaterial", vertexColors=2, transparent=True, depthWrite=False
+    )
+    lines = three.Drawable(
+        three.buffer(ends, colours=colours), three.IDENTITY, look_of_it, kind="LineSegments"
+    )
     return three.draw_group("/meshcat/ground", [plane, lines], "ground")
 
 
@@ -229,7 +269,9 @@ def build_grid(centre: Array, radius: float, step: float) -> tuple[Array, Array]
         last = np.floor((centre[axis] + radius) / step)
         for across in step * np.arange(first, last + 1):
             chord = np.sqrt(max(radius**2 - (across - centre[axis]) ** 2, 0.0))
-            line = np.column_stack([np.full(len(pieces), across), centre[1 - axis] + chord * pieces])
+            line = np.column_stack(
+                [np.full(len(pieces), across), centre[1 - axis] + chord * pieces]
+            )
             ends.append(np.repeat(line if axis == 0 else line[:, ::-1], 2, axis=0)[1:-1])
     points = np.concatenate(ends)
     away = np.sum((points - centre) ** 2, axis=1) / radius**2
@@ -259,9 +301,19 @@ def marks(
         )
         for k, radius in enumerate(BOARD)
     ]
-    ring = {"type": "TorusGeometry", "radius": size, "tube": 0.005 * size, "radialSegments": 8, "tubularSegments": 128}
+    ring = {
+        "type": "TorusGeometry",
+        "radius": size,
+        "tube": 0.005 * size,
+        "radialSegments": 8,
+        "tubularSegments": 128,
+    }
     level = three.Drawable(ring, three.pose(eye), three.flat(LEVEL, 0.75), order=2)
-    disc = {"type": "CylinderGeometry", "radiusTop": DECK_SIZE * size, "radiusBottom": DECK_SIZE * size}
+    disc = {
+        "type": "CylinderGeometry",
+        "radiusTop": DECK_SIZE * size,
+        "radiusBottom": DECK_SIZE * size,
+    }
     disc |= {"height": DECK_HIGH * size, "radialSegments": 72}
     # The deck is on the far side of the base from what the joints move.
     heights = np.concatenate([np.zeros(0), *(solid.corners[:, 2] for solid in moved_by(solids, 0))])
@@ -269,13 +321,19 @@ def marks(
     is_above = float(rig.model.jointPlacements[1].translation[2]) >= (low + high) / 2
     middle = low - DECK_HIGH / 2 * size if is_above else high + DECK_HIGH / 2 * size
     at = np.array([0.0, 0.0, middle])
-    deck = three.Drawable(disc, three.pose(at) @ Y_TO_Z, three.glossy((*DECK, 0.55)), receives=True, order=1)
+    deck = three.Drawable(
+        disc, three.pose(at) @ Y_TO_Z, three.glossy((*DECK, 0.55)), receives=True, order=1
+    )
     drawn = [
         three.draw_group("/meshcat/target", rings, "target"),
         three.draw_group("/meshcat/horizon", [level], "horizon"),
-        three.draw_group(f"{list_scene_paths(rig, '/meshcat/rig')[0]}/platform", [deck], "platform"),
+        three.draw_group(
+            f"{list_scene_paths(rig, '/meshcat/rig')[0]}/platform", [deck], "platform"
+        ),
     ]
-    corners = place + BOARD[0] * size * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    corners = place + BOARD[0] * size * np.array(
+        [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    )
     angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     rim = at + DECK_SIZE * size * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(8)])
     some = poses.world[:: max(1, len(poses.world) // 40), 0]

@@ -70,11 +70,18 @@ def matrix(pose: Array) -> list[float]:
 
 def buffer(positions: Array, faces: Array | None = None, colours: Array | None = None) -> Json:
     """Return a geometry of points (N, 3), with triangles (M, 3) and colours RGBA (N, 4) if given."""
-    of_points = {"position": positions} if colours is None else {"position": positions, "color": colours}
+    of_points = (
+        {"position": positions} if colours is None else {"position": positions, "color": colours}
+    )
     plain: Json = {"normalized": False}
     data: Json = {
         "attributes": {
-            name: {"itemSize": np.shape(values)[1], "type": "Float32Array", "array": floats(values), **plain}
+            name: {
+                "itemSize": np.shape(values)[1],
+                "type": "Float32Array",
+                "array": floats(values),
+                **plain,
+            }
             for name, values in of_points.items()
         }
     }
@@ -92,11 +99,18 @@ def hex_colour(rgb: Sequence[float]) -> int:
 def glossy(rgba: Sequence[float], **more: Any) -> Json:
     """Return a lit material with a soft highlight; alpha under 1 makes it translucent."""
     alpha = float(rgba[3]) if len(rgba) > 3 else 1.0
-    look = {"type": "MeshPhongMaterial", "color": hex_colour(rgba), "specular": 0x3C4046, "shininess": 30}
+    look = {
+        "type": "MeshPhongMaterial",
+        "color": hex_colour(rgba),
+        "specular": 0x3C4046,
+        "shininess": 30,
+    }
     return {**look, "opacity": alpha, "transparent": alpha < 1, **more}
 
 
-def flat(rgb: Sequence[float], opacity: float = 1.0, kind: str = "MeshBasicMaterial", **more: Any) -> Json:
+def flat(
+    rgb: Sequence[float], opacity: float = 1.0, kind: str = "MeshBasicMaterial", **more: Any
+) -> Json:
     """Return a plain material, unlit if not said otherwise; translucent ones do not hide what is behind them."""
     look = {"type": kind, "color": hex_colour(rgb), "opacity": opacity}
     return {**look, "transparent": opacity < 1, "depthWrite": opacity >= 1, **more}
@@ -159,7 +173,8 @@ def play_tracks(clips: Mapping[str, Sequence[Json]], path: str) -> Json:
     `path`: where the server keeps the command: it replays its tree in order, so a path made last is sent last.
     """
     animations = [
-        {"path": where, "clip": {"fps": 1, "name": "motion", "tracks": list(tracks)}} for where, tracks in clips.items()
+        {"path": where, "clip": {"fps": 1, "name": "motion", "tracks": list(tracks)}}
+        for where, tracks in clips.items()
     ]
     options = {"play": True, "repetitions": 1_000_000_000, "clampWhenFinished": True}
     return {"type": "set_animation", "path": path, "animations": animations, "options": options}

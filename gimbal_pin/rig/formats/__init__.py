@@ -35,7 +35,11 @@ def convert_to_urdf(path: Path, arguments: Mapping[str, str]) -> _Converted:
         return mjcf.convert_mjcf(path)
     if root.tag == "robot":
         return text, [], []
-    raise RigError(str(path), f"starts with <{root.tag}>, not <robot>", "give a file in xacro, SDF, MJCF or URDF")
+    raise RigError(
+        str(path),
+        f"starts with <{root.tag}>, not <robot>",
+        "give a file in xacro, SDF, MJCF or URDF",
+    )
 
 
 def _read_text(path: Path) -> str:

@@ -33,7 +33,9 @@ def convert_mjcf(path: Path) -> tuple[str, list[str], list[str]]:
     try:
         found = run_bounded(__name__, str(path.resolve()))
     except ProcessStopped as error:
-        raise RigError(str(path), f"is an MJCF that MuJoCo does not compile ({error})", "mend it") from error
+        raise RigError(
+            str(path), f"is an MJCF that MuJoCo does not compile ({error})", "mend it"
+        ) from error
     if "wrong" in found:
         raise RigError(str(path), *found["wrong"])
     return found["text"], found["notes"], _list_included(path.resolve())
@@ -67,7 +69,9 @@ def convert_mujoco_model(model: mujoco.MjModel, path: str) -> tuple[str, list[st
     import mujoco
 
     if np.isin(model.eq_type, [int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)]).any():
-        raise RigError(path, "ties bodies to each other beside its tree (<equality>)", "cut the loop")
+        raise RigError(
+            path, "ties bodies to each other beside its tree (<equality>)", "cut the loop"
+        )
     names = {i: model.body(i).name or f"body{i}" for i in range(model.nbody)}
     joints = {i: _find_joint(model, i, names[i], path) for i in range(1, model.nbody)}
     first = [i for i in joints if model.body_parentid[i] == 0]
@@ -92,12 +96,24 @@ def convert_mujoco_model(model: mujoco.MjModel, path: str) -> tuple[str, list[st
         if body >= int(rooted):
             at = pin.SE3(np.eye(3), -_find_anchor(model, joints.get(body))) * own
             urdf.add_sensor(out, name, kind or "camera", names[body], at)
-    ties = [k for k in range(model.neq) if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0]
+    ties = [
+        k
+        for k in range(model.neq)
+        if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0
+    ]
     for k in ties:
-        first_name, other = (model.joint(int(ids[k])).name for ids in (model.eq_obj1id, model.eq_obj2id))
+        first_name, other = (
+            model.joint(int(ids[k])).name for ids in (model.eq_obj1id, model.eq_obj2id)
+        )
         offset, slope, *_ = model.eq_data[k]
         for joint_element in out.findall(f"joint[@name='{first_name}']"):
-            etree.SubElement(joint_element, "mimic", joint=other, multiplier=f"{slope:.17g}", offset=f"{offset:.17g}")
+            etree.SubElement(
+                joint_element,
+                "mimic",
+                joint=other,
+                multiplier=f"{slope:.17g}",
+                offset=f"{offset:.17g}",
+            )
     return str(etree.tostring(out, encoding="unicode")), notes
 
 
@@ -111,7 +127,11 @@ def _find_joint(model: mujoco.MjModel, body: int, name: str, path: str) -> int |
     if kinds == [int(mujoco.mjtJoint.mjJNT_FREE)]:
         return None
     if count > 1:
-        raise RigError(path, f"body '{name}' has {count} joints", "give each joint a body of its own, with its mass")
+        raise RigError(
+            path,
+            f"body '{name}' has {count} joints",
+            "give each joint a body of its own, with its mass",
+        )
     if kinds == [int(mujoco.mjtJoint.mjJNT_BALL)]:
         raise RigError(path, f"body '{name}' has a ball joint", "use hinge and slide joints")
     return start if count else None
@@ -128,7 +148,9 @@ def _make_pose(position: np.ndarray, quaternion: np.ndarray) -> pin.SE3:
     return pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(position))
 
 
-def _add_body(out: etree._Element, model: mujoco.MjModel, body: int, name: str, at: np.ndarray) -> None:
+def _add_body(
+    out: etree._Element, model: mujoco.MjModel, body: int, name: str, at: np.ndarray
+) -> None:
     """Add a body as a link whose frame is at a point of it."""
     link = etree.SubElement(out, "link", name=name)
     shift = pin.SE3(np.eye(3), -at)
@@ -138,10 +160,14 @@ def _add_body(out: etree._Element, model: mujoco.MjModel, body: int, name: str, 
         urdf.write_inertial(link, float(model.body_mass[body]), own.translation, inertia)
     for kind, sizes, where, colour in _list_shapes(model, body):
         visual = urdf.add_visual(link, shift * where, kind, **sizes)
-        etree.SubElement(etree.SubElement(visual, "material", name=""), "color", rgba=urdf.format_numbers(colour))
+        etree.SubElement(
+            etree.SubElement(visual, "material", name=""), "color", rgba=urdf.format_numbers(colour)
+        )
 
 
-def _list_shapes(model: mujoco.MjModel, body: int) -> list[tuple[str, dict[str, str], pin.SE3, np.ndarray]]:
+def _list_shapes(
+    model: mujoco.MjModel, body: int
+) -> list[tuple[str, dict[str, str], pin.SE3, np.ndarray]]:
     """Return shape, sizes, pose and colour of what is seen of a body; a mesh is the box around it."""
     import mujoco  # whose enumerations are equal to numpy's numbers, but not found among them: hence int()
 
@@ -156,7 +182,10 @@ def _list_shapes(model: mujoco.MjModel, body: int) -> list[tuple[str, dict[str, 
         elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
             shape = ("sphere", {"radius": urdf.format_numbers(size[:1])})
         elif kind in (int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_CAPSULE)):
-            sizes = {"radius": urdf.format_numbers(size[:1]), "length": urdf.format_numbers(2 * size[1:2])}
+            sizes = {
+                "radius": urdf.format_numbers(size[:1]),
+                "length": urdf.format_numbers(2 * size[1:2]),
+            }
             shape = ("cylinder", sizes)
         elif kind in (int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)):
             middle = model.geom_aabb[k][:3]
@@ -170,7 +199,11 @@ def _list_shapes(model: mujoco.MjModel, body: int) -> list[tuple[str, dict[str, 
 
 
 def _add_joint(
-    out: etree._Element, model: mujoco.MjModel, joint: int | None, links: tuple[str, str], origin: pin.SE3
+    out: etree._Element,
+    model: mujoco.MjModel,
+    joint: int | None,
+    links: tuple[str, str],
+    origin: pin.SE3,
 ) -> list[str]:
     """Add what joins two links; return a sentence on what a URDF cannot hold."""
     import mujoco
@@ -190,7 +223,9 @@ def _add_joint(
     dof = int(model.jnt_dofadr[joint])
     low, high = model.jnt_range[joint] if limited else (-1e16, 1e16)
     effort = f"{_find_largest_torque(model, joint):.17g}"
-    etree.SubElement(new, "limit", lower=f"{low:.17g}", upper=f"{high:.17g}", effort=effort, velocity="0")
+    etree.SubElement(
+        new, "limit", lower=f"{low:.17g}", upper=f"{high:.17g}", effort=effort, velocity="0"
+    )
     damping = float(model.dof_damping[dof])
     friction = float(model.dof_frictionloss[dof])
     etree.SubElement(new, "dynamics", damping=f"{damping:.17g}", friction=f"{friction:.17g}")
@@ -213,7 +248,10 @@ def _find_largest_torque(model: mujoco.MjModel, joint: int) -> float:
     if model.jnt_actfrclimited[joint]:
         found.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
     for k in range(model.nu):
-        if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT or model.actuator_trnid[k, 0] != joint:
+        if (
+            model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT
+            or model.actuator_trnid[k, 0] != joint
+        ):
             continue
         gear = abs(float(model.actuator_gear[k, 0]))
         direct = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
@@ -230,8 +268,14 @@ def _list_imus(model: mujoco.MjModel) -> list[tuple[str, int, pin.SE3]]:
     import mujoco
 
     kinds = (int(mujoco.mjtSensor.mjSENS_GYRO), int(mujoco.mjtSensor.mjSENS_ACCELEROMETER))
-    sites = sorted({int(model.sensor_objid[k]) for k in range(model.nsensor) if model.sensor_type[k] in kinds})
+    sites = sorted(
+        {int(model.sensor_objid[k]) for k in range(model.nsensor) if model.sensor_type[k] in kinds}
+    )
     return [
-        (model.site(k).name or f"imu{k}", int(model.site_bodyid[k]), _make_pose(model.site_pos[k], model.site_quat[k]))
+        (
+            model.site(k).name or f"imu{k}",
+            int(model.site_bodyid[k]),
+            _make_pose(model.site_pos[k], model.site_quat[k]),
+        )
         for k in sites
     ]

@@ -20,8 +20,21 @@ from gimbal_pin.rig.reading import LONGEST_NUMBER, parse_decimal
 from gimbal_pin.rig.records import LARGEST_NUMBER
 from gimbal_pin.rig.urdf_checks import INERTIA_ENTRIES, MOST_LINKS, find_repeated
 
-_JOINT_TYPES = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed"}
-_CAMERA_SENSORS = ("camera", "depth", "depth_camera", "rgbd_camera", "thermal", "thermal_camera", "wideanglecamera")
+_JOINT_TYPES = {
+    "revolute": "revolute",
+    "continuous": "continuous",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+}
+_CAMERA_SENSORS = (
+    "camera",
+    "depth",
+    "depth_camera",
+    "rgbd_camera",
+    "thermal",
+    "thermal_camera",
+    "wideanglecamera",
+)
 _MODEL, _WORLD = "__model__", "world"
 _JOINT_AXES_VERSION = (1, 5)
 """Version from which on an axis is stated in its joint's axes, not in the model's."""
@@ -35,7 +48,9 @@ def convert_sdf(root: etree._Element, place: str) -> tuple[str, list[str]]:
     """
     models = root.xpath("model | world/model")
     if len(models) != 1:
-        raise RigError(place, f"is an SDF of {len(models)} models", "give a file with the rig's alone")
+        raise RigError(
+            place, f"is an SDF of {len(models)} models", "give a file with the rig's alone"
+        )
     (model,) = models
     for tag in ("include", "model"):
         if (nested := model.find(tag)) is not None:
@@ -56,16 +71,23 @@ class _Converter:
         self.model, self.old, self.place = model, old, place
         named = [e for e in model if e.tag in ("link", "joint", "frame")]
         if twice := find_repeated(e.get("name", "") for e in named):
-            raise RigError(place, f"two links, joints or frames are named '{twice[0]}'", "rename one")
+            raise RigError(
+                place, f"two links, joints or frames are named '{twice[0]}'", "rename one"
+            )
         self.named = {e.get("name", ""): e for e in named}
-        self.poses: dict[str, pin.SE3 | None] = {_MODEL: pin.SE3.Identity(), _WORLD: pin.SE3.Identity()}
+        self.poses: dict[str, pin.SE3 | None] = {
+            _MODEL: pin.SE3.Identity(),
+            _WORLD: pin.SE3.Identity(),
+        }
         self.notes: list[str] = []
 
     def converted(self) -> tuple[str, list[str]]:
         """Return the URDF's text and what was left out."""
         joints = self.model.findall("joint")
         links = self.model.findall("link")
-        moved = {self.text(joint, "child"): joint for joint in joints if self.kind(joint) != "fixed"}
+        moved = {
+            self.text(joint, "child"): joint for joint in joints if self.kind(joint) != "fixed"
+        }
         frames: dict[str, pin.SE3] = {_WORLD: pin.SE3.Identity()}
         for link in links:
             name = link.get("name", "")
@@ -103,11 +125,15 @@ class _Converter:
         inertial = link.find("inertial")
         if inertial is None:
             # The specification's defaults, with which Gazebo moves it.
-            self.notes.append(f"{name} has no <inertial>: SDF takes 1 kg and 1 kg m² for it, and so it is here")
+            self.notes.append(
+                f"{name} has no <inertial>: SDF takes 1 kg and 1 kg m² for it, and so it is here"
+            )
             inertial = etree.SubElement(link, "inertial")
         if inertial.get("auto", "false").strip().lower() in ("true", "1"):
             mend = "state its mass and inertia: 'gz sdf --print --inertial-stats' shows them"
-            raise RigError(self.at(inertial), f"link '{name}' leaves its inertia to Gazebo (auto)", mend)
+            raise RigError(
+                self.at(inertial), f"link '{name}' leaves its inertia to Gazebo (auto)", mend
+            )
         origin = shift * self.stated(inertial)
         inertia = np.zeros((3, 3))
         for entry, row, column in INERTIA_ENTRIES:
@@ -128,7 +154,9 @@ class _Converter:
                 new = urdf.add_visual(link, pose, "mesh", filename=file, **scale)
             elif shape.tag in ("box", "sphere", "cylinder", "capsule"):
                 kept = {key: sizes[key] for key in ("size", "radius", "length") if key in sizes}
-                new = urdf.add_visual(link, pose, "cylinder" if shape.tag == "capsule" else shape.tag, **kept)
+                new = urdf.add_visual(
+                    link, pose, "cylinder" if shape.tag == "capsule" else shape.tag, **kept
+                )
             else:
                 continue
             colour = visual.findtext("material/diffuse") or visual.findtext("material/ambient")
@@ -136,7 +164,9 @@ class _Converter:
                 material = etree.SubElement(new, "material", name="")
                 etree.SubElement(material, "color", rgba=" ".join([*words, "1"][:4]))
 
-    def add_joint(self, out: etree._Element, joint: etree._Element, frames: Mapping[str, pin.SE3]) -> None:
+    def add_joint(
+        self, out: etree._Element, joint: etree._Element, frames: Mapping[str, pin.SE3]
+    ) -> None:
         """Add a joint."""
         kind = self.kind(joint)
         name = joint.get("name", "")
@@ -162,10 +192,14 @@ class _Converter:
         kind = "continuous" if kind == "revolute" and unbounded else kind
         new = urdf.add_joint(out, name, kind, parent, child, origin, frames[child].rotation.T @ way)
         etree.SubElement(new, "limit", {key: f"{value:.17g}" for key, value in limit.items()})
-        friction = {key: self.number(joint, f"axis/dynamics/{key}", 0.0) for key in ("damping", "friction")}
+        friction = {
+            key: self.number(joint, f"axis/dynamics/{key}", 0.0) for key in ("damping", "friction")
+        }
         etree.SubElement(new, "dynamics", {key: f"{value:.17g}" for key, value in friction.items()})
         if self.number(joint, "axis/dynamics/spring_stiffness", 0.0):
-            self.notes.append(f"{name} has a spring, which is left out: it is a cable-spring to plant or to find")
+            self.notes.append(
+                f"{name} has a spring, which is left out: it is a cable-spring to plant or to find"
+            )
 
     def axis(self, joint: etree._Element, axis: etree._Element) -> np.ndarray:
         """Return the direction of a joint's axis in the model's axes."""
@@ -181,7 +215,11 @@ class _Converter:
     def pose(self, name: str, asking: etree._Element) -> pin.SE3:
         """Return the pose in the model of what has a name, when every joint is at zero."""
         if name not in self.named and name not in self.poses:
-            raise RigError(self.at(asking), f"is placed by '{name[:40]}', which is not there", "name a link or frame")
+            raise RigError(
+                self.at(asking),
+                f"is placed by '{name[:40]}', which is not there",
+                "name a link or frame",
+            )
         return self.pose_of(name, self.named.get(name, asking))
 
     def pose_of(self, name: str, element: etree._Element) -> pin.SE3:
@@ -189,12 +227,23 @@ class _Converter:
         if name in self.poses:
             known = self.poses[name]
             if known is None:
-                raise RigError(self.at(element), f"'{name[:40]}' is placed by itself", "cut the circle of relative_to")
+                raise RigError(
+                    self.at(element),
+                    f"'{name[:40]}' is placed by itself",
+                    "cut the circle of relative_to",
+                )
             return known
         self.poses[name] = None
         pose = element.find("pose")
-        usual = {"joint": element.findtext("child", "").strip(), "frame": element.get("attached_to", "")}
-        by = ("" if pose is None else pose.get("relative_to", "")) or usual.get(element.tag, "") or _MODEL
+        usual = {
+            "joint": element.findtext("child", "").strip(),
+            "frame": element.get("attached_to", ""),
+        }
+        by = (
+            ("" if pose is None else pose.get("relative_to", ""))
+            or usual.get(element.tag, "")
+            or _MODEL
+        )
         try:
             found = self.pose(by, element) * self.stated(element)
         except RecursionError as error:
@@ -212,8 +261,14 @@ class _Converter:
         if pose.get("rotation_format") == "quat_xyzw":
             x, y, z, *q = self.numbers(pose, 7)
             if not np.linalg.norm(q) > 0.5:
-                raise RigError(self.at(pose), "<pose> has a quaternion that is none", "give x y z w of length 1")
-            return pin.SE3(pin.Quaternion(np.array(q) / np.linalg.norm(q)).matrix(), np.array([x, y, z]))
+                raise RigError(
+                    self.at(pose),
+                    "<pose> has a quaternion that is none",
+                    "give x y z w of length 1",
+                )
+            return pin.SE3(
+                pin.Quaternion(np.array(q) / np.linalg.norm(q)).matrix(), np.array([x, y, z])
+            )
         values = self.numbers(pose, 6)
         unit = pi / 180 if pose.get("degrees", "false").strip().lower() in ("true", "1") else 1.0
         return pin.SE3(pin.rpy.rpyToMatrix(*(unit * values[3:])), values[:3])
@@ -221,10 +276,15 @@ class _Converter:
     def numbers(self, element: etree._Element, count: int) -> np.ndarray:
         """Return the numbers in an element; ``inf`` is one."""
         words = (element.text or "").split()
-        values = [float(word) if re.fullmatch("[+-]?inf", word) else parse_decimal(word) for word in words[: count + 1]]
+        values = [
+            float(word) if re.fullmatch("[+-]?inf", word) else parse_decimal(word)
+            for word in words[: count + 1]
+        ]
         if len(values) != count or None in values:
             short = " ".join(words)[:LONGEST_NUMBER]
-            raise RigError(self.at(element), f"<{element.tag}> holds '{short}'", f"write {count} numbers")
+            raise RigError(
+                self.at(element), f"<{element.tag}> holds '{short}'", f"write {count} numbers"
+            )
         return np.array(values, dtype=float)
 
     def number(self, element: etree._Element, path: str, default: float) -> float:

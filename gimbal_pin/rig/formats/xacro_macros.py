@@ -40,7 +40,9 @@ def convert_xacro(path: Path, arguments: Mapping[str, str]) -> tuple[str, list[s
         return found["text"], [], found["files"]
     except ProcessStopped as error:
         mend = "mend it; arguments are given in the rig's YAML (xacro: {prefix: left_})"
-        raise RigError(str(path), f"is a xacro file that does not expand ({error})", mend) from error
+        raise RigError(
+            str(path), f"is a xacro file that does not expand ({error})", mend
+        ) from error
 
 
 def main(path: str, arguments: str) -> dict[str, Any]:
@@ -55,9 +57,13 @@ def main(path: str, arguments: str) -> dict[str, Any]:
         try:
             return str(known(package))
         except ImportError:
-            found = next((folder for folder in folders if folder.name == package and folder.is_dir()), None)
+            found = next(
+                (folder for folder in folders if folder.name == package and folder.is_dir()), None
+            )
             if found is None:
-                raise xacro.XacroException(f"no folder '{package}' above the file or beside one of them") from None
+                raise xacro.XacroException(
+                    f"no folder '{package}' above the file or beside one of them"
+                ) from None
             return str(found)
 
     def record_opened(event: str, given: tuple[Any, ...]) -> None:
@@ -68,6 +74,8 @@ def main(path: str, arguments: str) -> dict[str, Any]:
 
     files: list[str] = []
     substitution_args._eval_find = substitution_args._eval_dict["find"] = find
-    sys.addaudithook(record_opened)  # files that macros include, load as YAML, or name by an argument
+    sys.addaudithook(
+        record_opened
+    )  # files that macros include, load as YAML, or name by an argument
     text = str(xacro.process_file(path, mappings=json.loads(arguments)).toxml())
     return {"text": text, "files": list(dict.fromkeys(files))}

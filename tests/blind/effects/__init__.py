@@ -31,4 +31,14 @@ TRUSTED = ("payload-shift", "payload-mass", "off-diagonal-inertia")
 """Causes that compare the given model with the data: their URDF is exact and says so."""
 CATALOGUE: dict[str, type[Effect]] = {kind.cause: kind for kind in PUBLISHED + OUTSIDE}
 
-__all__ = ["CATALOGUE", "OUTSIDE", "PUBLISHED", "TRUSTED", "Context", "Effect", "Law", "PlatformMotion", "diagonal"]
+__all__ = [
+    "CATALOGUE",
+    "OUTSIDE",
+    "PUBLISHED",
+    "TRUSTED",
+    "Context",
+    "Effect",
+    "Law",
+    "PlatformMotion",
+    "diagonal",
+]

@@ -95,7 +95,9 @@ class Delay(Effect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Delay:
-        return cls(context.joint, form, 0.05 * context.share + 1e-4, 0.35 if form == "wandering" else 0.0)
+        return cls(
+            context.joint, form, 0.05 * context.share + 1e-4, 0.35 if form == "wandering" else 0.0
+        )
 
     def drive(self, world: World) -> Law:
         joint = self.own
@@ -103,7 +105,8 @@ class Delay(Effect):
         wander = self.wander
         dt = world.dt
         past: deque[float] = deque(
-            [0.0] * (int(delay * (1.0 + wander) / dt) + 3), maxlen=int(delay * (1 + wander) / dt) + 3
+            [0.0] * (int(delay * (1.0 + wander) / dt) + 3),
+            maxlen=int(delay * (1 + wander) / dt) + 3,
         )
 
         def law(state: State) -> None:
@@ -163,7 +166,11 @@ class DeadZone(Effect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> DeadZone:
-        return cls(context.joint, form, 1.2 * context.target if form == "gap" else context.torque * sqrt(context.share))
+        return cls(
+            context.joint,
+            form,
+            1.2 * context.target if form == "gap" else context.torque * sqrt(context.share),
+        )
 
     def scaled(self, k: float) -> DeadZone:
         return replace(self, width=k * self.width if self.form == "gap" else k**0.6 * self.width)

@@ -48,7 +48,12 @@ class Stribeck(Effect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Stribeck:
-        return cls(context.joint, form, 1.5 * context.target, context.speed * float(rng.uniform(0.08, 0.35)))
+        return cls(
+            context.joint,
+            form,
+            1.5 * context.target,
+            context.speed * float(rng.uniform(0.08, 0.35)),
+        )
 
     def grip(self, world: World) -> Law:
         dof = world.dof[self.own]
@@ -139,7 +144,9 @@ class LoadFriction(Effect):
         loads: dict[str, Callable[[State], float]] = {
             "total": lambda state: abs(state.u[joint]),
             "gravity": lambda state: abs(state.gravity[dof]),
-            "bearing": lambda state: hypot(offset, state.gravity[dof] + 0.5 * state.u[joint]) - offset,
+            "bearing": lambda state: (
+                hypot(offset, state.gravity[dof] + 0.5 * state.u[joint]) - offset
+            ),
         }
         load = loads[self.form]
         return both_ways(joint, lambda state: ratio * load(state))

@@ -33,7 +33,9 @@ class PlaceFriction(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> PlaceFriction:
         lowest = max(1, round(1.5 / context.width))
         harmonic = int(rng.integers(lowest, lowest + 4))
-        return cls(context.joint, form, 1.5 * context.target, harmonic, float(rng.uniform(-np.pi, np.pi)))
+        return cls(
+            context.joint, form, 1.5 * context.target, harmonic, float(rng.uniform(-np.pi, np.pi))
+        )
 
     def plant(self, rig: Rig) -> Rig:
         return rig.with_coulomb(self.own, 1.4 * self.amplitude)
@@ -73,9 +75,13 @@ class FrictionDrift(Effect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> FrictionDrift:
-        time_constant = context.seconds if form == "linear" else context.rig.motors[context.joint].warm_up
+        time_constant = (
+            context.seconds if form == "linear" else context.rig.motors[context.joint].warm_up
+        )
         sign = float(rng.choice([-1.0, -1.0, 1.0]))
-        return cls(context.joint, form, 1.7 * sign * context.target, time_constant, context.torque**2)
+        return cls(
+            context.joint, form, 1.7 * sign * context.target, time_constant, context.torque**2
+        )
 
     def plant(self, rig: Rig) -> Rig:
         return rig.with_coulomb(self.own, 1.3 * max(-self.change, 0.0))

@@ -68,7 +68,9 @@ class Slosh(Hanging):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Slosh:
         place = tuple((0.3 * edge_of(context.rig) * rng.uniform(-1.0, 1.0, 3)).tolist())
         mass = 0.5 * context.share * context.rig.payload.inertia.mass
-        return cls(None, form, mass, place, float(rng.uniform(0.02, 0.08)), float(rng.uniform(0.03, 0.12)))
+        return cls(
+            None, form, mass, place, float(rng.uniform(0.02, 0.08)), float(rng.uniform(0.03, 0.12))
+        )
 
     def _hangers(self, rig: Rig) -> tuple[Appendage, ...]:
         kind = "hinge" if self.form == "pendulum" else "slide"
@@ -198,17 +200,29 @@ class MountResonance(Hanging):
         place = tuple((0.5 * edge * rng.uniform(-1.0, 1.0, 3)).tolist())
         mass = context.rig.payload.inertia.mass * min(3.0 * context.share + 0.03, 0.5)
         return cls(
-            None, form, mass, place, direction(rng), float(rng.uniform(12.0, 35.0)), float(rng.uniform(0.02, 0.08))
+            None,
+            form,
+            mass,
+            place,
+            direction(rng),
+            float(rng.uniform(12.0, 35.0)),
+            float(rng.uniform(0.02, 0.08)),
         )
 
     def scaled(self, k: float) -> MountResonance:
-        return replace(self, mass=min(k, 3.0) * self.mass, hertz=max(self.hertz / max(k / 3.0, 1.0) ** 0.5, 4.0))
+        return replace(
+            self,
+            mass=min(k, 3.0) * self.mass,
+            hertz=max(self.hertz / max(k / 3.0, 1.0) ** 0.5, 4.0),
+        )
 
     def _size(self, rig: Rig) -> float:
         return self.mass * (0.5 * edge_of(rig)) ** 2 if self.form == "turning" else self.mass
 
     def _hangers(self, rig: Rig) -> tuple[Appendage, ...]:
-        hinge = Hinge("mount", "hinge" if self.form == "turning" else "slide", np.array(self.direction))
+        hinge = Hinge(
+            "mount", "hinge" if self.form == "turning" else "slide", np.array(self.direction)
+        )
         inertia = _ball(self.mass, np.zeros(3), 0.5 * edge_of(rig) / 0.4**0.5)
         return (Appendage("mount", len(rig.links) - 1, np.array(self.place), (hinge,), inertia),)
 

@@ -34,9 +34,16 @@ class Cogging(Effect):
         whole = lcm(motor.slots, motor.poles)
         main = int(rng.choice([whole, motor.slots, motor.poles, whole // 2]))
         others = [motor.slots, motor.poles, 2 * motor.slots, whole]
-        harmonics = [main] if form != "several" else [main, *(int(k) for k in rng.choice(others, 2, replace=False))]
+        harmonics = (
+            [main]
+            if form != "several"
+            else [main, *(int(k) for k in rng.choice(others, 2, replace=False))]
+        )
         weights = [1.0, *rng.uniform(0.2, 0.6, len(harmonics) - 1)]
-        waves = tuple((float(w), k, float(rng.uniform(-pi, pi))) for w, k in zip(weights, harmonics, strict=True))
+        waves = tuple(
+            (float(w), k, float(rng.uniform(-pi, pi)))
+            for w, k in zip(weights, harmonics, strict=True)
+        )
         return cls(context.joint, form, 1.4 * context.target, waves)
 
     def parameters(self) -> dict[str, float]:
@@ -80,7 +87,9 @@ class TorqueRipple(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueRipple:
         pairs = context.rig.motors[context.joint].poles // 2
         order = 6 if form == "six-step" else int(rng.choice([1, 2, 6]))
-        return cls(context.joint, form, 1.4 * context.share, pairs * order, float(rng.uniform(-pi, pi)))
+        return cls(
+            context.joint, form, 1.4 * context.share, pairs * order, float(rng.uniform(-pi, pi))
+        )
 
     def drive(self, world: World) -> Law:
         joint = self.own
@@ -116,7 +125,9 @@ class TorqueGain(Effect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueGain:
-        return cls(context.joint, form, float(rng.choice([-1.0, 1.0])) * context.share, context.lean)
+        return cls(
+            context.joint, form, float(rng.choice([-1.0, 1.0])) * context.share, context.lean
+        )
 
     def drive(self, world: World) -> Law:
         joint = self.own

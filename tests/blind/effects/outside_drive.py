@@ -29,7 +29,12 @@ class VoltageLimit(Effect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> VoltageLimit:
-        return cls(context.joint, form, 4.0 * context.speed, context.torque * (2.5 - 2.0 * sqrt(context.share)))
+        return cls(
+            context.joint,
+            form,
+            4.0 * context.speed,
+            context.torque * (2.5 - 2.0 * sqrt(context.share)),
+        )
 
     def scaled(self, k: float) -> VoltageLimit:
         return replace(self, stall=self.stall / k**0.3, no_load_speed=self.no_load_speed / k**0.15)
@@ -73,7 +78,11 @@ class HotMotor(Effect):
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> HotMotor:
         return cls(
-            context.joint, form, 1.5 * context.share, context.rig.motors[context.joint].warm_up, context.torque**2
+            context.joint,
+            form,
+            1.5 * context.share,
+            context.rig.motors[context.joint].warm_up,
+            context.torque**2,
         )
 
     def drive(self, world: World) -> Law:
@@ -109,7 +118,13 @@ class CrossTalk(Effect):
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> CrossTalk:
         others = [i for i in range(len(context.rig.links)) if i != context.joint]
-        return cls(context.joint, form, 1.4 * context.share, int(rng.choice(others)), int(rng.integers(2, 8)))
+        return cls(
+            context.joint,
+            form,
+            1.4 * context.share,
+            int(rng.choice(others)),
+            int(rng.integers(2, 8)),
+        )
 
     def drive(self, world: World) -> Law:
         joint = self.own
@@ -175,7 +190,9 @@ class Dropouts(Effect):
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Dropouts:
         per_second = (1.0 if form == "dips" else 8.0) * max(0.5, 60.0 * context.share**2)
-        return cls(context.joint, form, min(8.0 * context.share, 1.0), per_second, int(rng.integers(2**31)))
+        return cls(
+            context.joint, form, min(8.0 * context.share, 1.0), per_second, int(rng.integers(2**31))
+        )
 
     def _windows(self, seconds: float) -> list[tuple[float, float]]:
         rng = np.random.default_rng(self.seed)

@@ -49,7 +49,9 @@ class SoftBase(Effect):
         omega = 2.0 * pi * self.hertz / self.compliance**0.5
         stiff = 1.0 if self.form == "six-ways" else 40.0
         springs = [stiff * mass * omega**2] * 3 + [inertia * omega**2] * 3
-        dampers = [2.0 * self.damping_ratio * omega * (mass if i < 3 else inertia) for i in range(6)]
+        dampers = [
+            2.0 * self.damping_ratio * omega * (mass if i < 3 else inertia) for i in range(6)
+        ]
         table = list(zip(world.base_dofs, springs, dampers, strict=True))
         sag = 9.81 * mass
 

@@ -31,7 +31,13 @@ class Wind(Effect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Wind:
-        return cls(context.joint, form, context.target, float(rng.uniform(0.3, 4.0)), int(rng.integers(2**31)))
+        return cls(
+            context.joint,
+            form,
+            context.target,
+            float(rng.uniform(0.3, 4.0)),
+            int(rng.integers(2**31)),
+        )
 
     def _gusts(self, seconds: float) -> list[float]:
         """Two first-order filters in a row over white noise, unit rms, GUST_RATE a second."""
@@ -87,7 +93,9 @@ class Touch(Effect):
         def law(state: State) -> None:
             for start, length, size in pushes:
                 if start <= state.t < start + length:
-                    state.force[dof] -= 0.5 * size * (1.0 - cos(2.0 * pi * (state.t - start) / length))
+                    state.force[dof] -= (
+                        0.5 * size * (1.0 - cos(2.0 * pi * (state.t - start) / length))
+                    )
 
         return law
 
@@ -107,7 +115,13 @@ class BoucWen(Effect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> BoucWen:
-        return cls(context.joint, form, 1.5 * context.target, float(rng.uniform(0.1, 0.5)) * context.width, 0.6)
+        return cls(
+            context.joint,
+            form,
+            1.5 * context.target,
+            float(rng.uniform(0.1, 0.5)) * context.width,
+            0.6,
+        )
 
     def force(self, world: World) -> Law:
         dof = world.link_dof[self.own]
@@ -144,7 +158,9 @@ class FrictionSpots(Effect):
         places = rng.uniform(low, high, 5)
         widths = rng.uniform(0.01, 0.05, 5) * (high - low)
         heights = rng.uniform(0.3, 1.0, 5)
-        spots = tuple((float(p), float(w), float(h)) for p, w, h in zip(places, widths, heights, strict=True))
+        spots = tuple(
+            (float(p), float(w), float(h)) for p, w, h in zip(places, widths, heights, strict=True)
+        )
         return cls(context.joint, form, 4.0 * context.target, spots)
 
     def grip(self, world: World) -> Law:
@@ -155,7 +171,9 @@ class FrictionSpots(Effect):
 
         def law(state: State) -> None:
             q = state.q[dof]
-            more = height * sum([h * exp(-(((q - place) / width) ** 2)) for place, width, h in spots])
+            more = height * sum(
+                [h * exp(-(((q - place) / width) ** 2)) for place, width, h in spots]
+            )
             state.plus[joint] += more
             state.minus[joint] += more
 
@@ -178,7 +196,13 @@ class RubbingStop(Effect):
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> RubbingStop:
         low, high = context.span
-        return cls(context.joint, form, 3.0 * context.target, high - 0.25 * (high - low), 0.25 * (high - low))
+        return cls(
+            context.joint,
+            form,
+            3.0 * context.target,
+            high - 0.25 * (high - low),
+            0.25 * (high - low),
+        )
 
     def _depth(self) -> Callable[[float], float]:
         edge = self.edge

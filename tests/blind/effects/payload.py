@@ -83,7 +83,10 @@ class OffDiagonalInertia(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> OffDiagonalInertia:
         shape = (len(context.rig.links) + 1, 3)
         return cls(
-            None, form, min(2.0 * context.share, 0.6), tuple(tuple(row) for row in rng.uniform(-1.0, 1.0, shape))
+            None,
+            form,
+            min(2.0 * context.share, 0.6),
+            tuple(tuple(row) for row in rng.uniform(-1.0, 1.0, shape)),
         )
 
     def _skewed(self, inertia: Inertia, row: tuple[float, float, float]) -> Inertia:
@@ -97,7 +100,9 @@ class OffDiagonalInertia(Effect):
 
     def plant(self, rig: Rig) -> Rig:
         links = _each(rig, lambda i, link: self._skewed(link.inertia, self.products[i]))
-        return replace(rig, links=links).with_payload(self._skewed(rig.payload.inertia, self.products[-1]))
+        return replace(rig, links=links).with_payload(
+            self._skewed(rig.payload.inertia, self.products[-1])
+        )
 
 
 def _each(rig: Rig, change: Callable[[int, Link], Inertia]) -> tuple[Link, ...]:
@@ -107,5 +112,9 @@ def _each(rig: Rig, change: Callable[[int, Link], Inertia]) -> tuple[Link, ...]:
 def diagonal(rig: Rig) -> Rig:
     """The rig with every product of inertia dropped, as a thesis-style model has it."""
     payload = rig.payload.inertia
-    links = _each(rig, lambda i, link: replace(link.inertia, tensor=np.diag(np.diag(link.inertia.tensor))))
-    return replace(rig, links=links).with_payload(replace(payload, tensor=np.diag(np.diag(payload.tensor))))
+    links = _each(
+        rig, lambda i, link: replace(link.inertia, tensor=np.diag(np.diag(link.inertia.tensor)))
+    )
+    return replace(rig, links=links).with_payload(
+        replace(payload, tensor=np.diag(np.diag(payload.tensor)))
+    )

@@ -33,7 +33,10 @@ def lugre(limit: float, stroke: float, damping: float, stribeck: float, speed: f
         shrink = (1.0 - exp(-x)) / x if x > 1e-9 else 1.0
         before = z
         z = goal + (z - goal) * (1.0 - x * shrink)
-        return stiffness * (goal + (before - goal) * shrink if x > 1e-9 else z) + damping * (z - before) / dt
+        return (
+            stiffness * (goal + (before - goal) * shrink if x > 1e-9 else z)
+            + damping * (z - before) / dt
+        )
 
     return advance
 
@@ -79,7 +82,11 @@ class Presliding(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Presliding:
         limit = max(context.rig.motors[context.joint].coulomb, 2.5 * context.target)
         return cls(
-            context.joint, form, limit, 0.005 * min(context.share * context.torque / limit, 1.0) + 2e-4, context.inertia
+            context.joint,
+            form,
+            limit,
+            0.005 * min(context.share * context.torque / limit, 1.0) + 2e-4,
+            context.inertia,
         )
 
     def scaled(self, k: float) -> Presliding:

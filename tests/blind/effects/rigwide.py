@@ -34,7 +34,11 @@ class EncoderOffset(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> EncoderOffset:
         offset = float(rng.choice([-1.0, 1.0])) * context.share
         return cls(
-            context.joint, form, offset, 0.3 * offset if form == "eccentric" else 0.0, float(rng.uniform(-3.0, 3.0))
+            context.joint,
+            form,
+            offset,
+            0.3 * offset if form == "eccentric" else 0.0,
+            float(rng.uniform(-3.0, 3.0)),
         )
 
     def scaled(self, k: float) -> EncoderOffset:

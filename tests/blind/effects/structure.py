@@ -35,7 +35,14 @@ class CableSpring(Effect):
         width = context.width
         stiffness = 2.0 * context.target / context.width
         cubic = 2.0 * context.target / width**3 if form == "cubic" else 0.0
-        return cls(context.joint, form, 0.5 * stiffness if cubic else stiffness, cubic, context.place(rng), width)
+        return cls(
+            context.joint,
+            form,
+            0.5 * stiffness if cubic else stiffness,
+            cubic,
+            context.place(rng),
+            width,
+        )
 
     def scaled(self, k: float) -> CableSpring:
         return replace(self, stiffness=k * self.stiffness, cubic=k * self.cubic)
@@ -88,7 +95,9 @@ class TwoMasses(Effect):
         link = rig.links[self.own]
         hinge = Hinge(self._rotor_name(), "hinge", link.axis)
         inertia = self._rotor_inertia(rig)
-        return (Appendage(hinge.name, self.own - 1, link.position, (hinge,), inertia, link.rotation),)
+        return (
+            Appendage(hinge.name, self.own - 1, link.position, (hinge,), inertia, link.rotation),
+        )
 
     def frozen(self, rig: Rig) -> Rig:
         return rig.with_body(self.own, self._rotor_inertia(rig))
@@ -128,7 +137,9 @@ class JointFlexibility(TwoMasses):
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> JointFlexibility:
         rotor = context.inertia * float(rng.uniform(0.1, 0.5))
-        effect = cls(context.joint, form, rotor, context.inertia, 1.0, float(rng.uniform(0.02, 0.1)))
+        effect = cls(
+            context.joint, form, rotor, context.inertia, 1.0, float(rng.uniform(0.02, 0.1))
+        )
         omega = 2.0 * pi * float(np.clip(9.0 / np.sqrt(context.share), 6.0, 150.0))
         return replace(effect, stiffness=effect.reduced * omega**2)
 
@@ -146,7 +157,9 @@ class JointFlexibility(TwoMasses):
         if self.form == "linear":
             return self._coupling(world, lambda twist, rate: k * twist + damping * rate)
         scale = 0.5 * world.rig.motors[self.own].tau_max / k
-        return self._coupling(world, lambda x, rate: 0.7 * k * x * (1.0 + (x / scale) ** 2) + damping * rate)
+        return self._coupling(
+            world, lambda x, rate: 0.7 * k * x * (1.0 + (x / scale) ** 2) + damping * rate
+        )
 
 
 @dataclass(frozen=True)
@@ -163,7 +176,13 @@ class Backlash(TwoMasses):
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Backlash:
         rotor = context.inertia * float(rng.uniform(0.15, 0.5))
-        return cls(context.joint, form, rotor, context.inertia, float(np.clip(0.5 * context.share**2, 2e-4, 0.02)))
+        return cls(
+            context.joint,
+            form,
+            rotor,
+            context.inertia,
+            float(np.clip(0.5 * context.share**2, 2e-4, 0.02)),
+        )
 
     def scaled(self, k: float) -> Backlash:
         return replace(self, gap=min(max(k * self.gap, 1e-4), 0.15))
