@@ -217,5 +217,7 @@ def compute_denial(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering
         return 0.0
     unsure = np.einsum("tk,kl,tl->t", A[held], found.covariance, A[held])
     inside = np.sqrt(np.mean(error[held] ** 2))
-    expected = np.sqrt(compute_trimmed_rms(error[~held]) ** 2 + np.mean(unsure))
+    # A torque in coarse steps rests on one for long, and is off by up to half of it there.
+    coarse = find_step(log.tau[:, j]) / 2 if log.tau is not None else 0.0
+    expected = np.sqrt(compute_trimmed_rms(error[~held]) ** 2 + np.mean(unsure) + coarse**2)
     return float(inside / max(expected, 1e-300)) if inside > SHARE * np.std(torque) else 0.0

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from gimbal_pin.checks import CHECKS, CHECKS_WITHOUT_REPAIR, REASONS, Fault, check_log
 from gimbal_pin.checks.harm import build_design
@@ -357,6 +358,18 @@ def test_stuck_rows_are_cut_and_nothing_else(turret: tuple[Rig, Log], channel: s
     touched = np.flatnonzero(np.any(getattr(bad, channel) != getattr(log, channel), axis=1))
     assert not np.isin(log.t[touched], found.repairs[-1].t).any()
     assert len(log) - len(found.repairs[-1]) < len(touched) + 0.1 / log.dt
+
+
+@pytest.mark.parametrize("share", [0.05, 0.15])
+def test_a_smooth_torque_in_coarse_steps_is_not_stuck(
+    turret: tuple[Rig, Log], share: float
+) -> None:
+    """A drive that filters its current and reports it in steps rests on each for long."""
+    rig, log = turret
+    smooth = gaussian_filter1d(np.asarray(log.tau), 0.008 / log.dt, axis=0)
+    step = share * np.std(smooth, axis=0)
+    coarse = replace(log, tau=step * np.round(smooth / step))
+    assert CHECKS["stuck-channel"](rig, coarse, FILTER) is None
 
 
 def test_a_motor_that_is_off_is_not_stuck(turret: tuple[Rig, Log]) -> None:
