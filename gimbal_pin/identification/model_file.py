@@ -224,7 +224,7 @@ def read_known_parameters(data: Any, place: str, joint_count: int) -> Estimated:
     filed = read_record(StoredUncertainty, data, place, ModelError, others=True)
     for name in NUMBERS_PER_JOINT:
         length = len(getattr(filed, name))
-        if length not in (0, joint_count) or (name == "lags" and length > len(filed.lag_std)):
+        if length not in (0, joint_count) or (name == "lag_std" and length < len(filed.lags)):
             what = f"has {length} entries for {joint_count} joints"
             raise ModelError(f"{place}: {name}", what, "identify the model again")
     places = [f"{place}: base_parameters[{k}]" for k in range(len(filed.base_parameters))]
