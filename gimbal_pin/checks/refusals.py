@@ -67,28 +67,16 @@ def check_unit(rig: Rig, log: Log) -> None:
     ratio = np.sqrt(np.mean(log.tau**2, axis=0)) / rig.tau_max
     if not np.any(ratio > WRONG_UNIT):
         return
-    wrong = np.flatnonzero(
-        ratio > 1.0
-    ).tolist()  # beside such a one, what no motor holds has that unit, too
-    names = [f"tau_{rig.joints[j]}" for j in wrong]
+    # Beside such a torque, every one that no motor holds has its unit, too.
+    names = [f"tau_{joint}" for joint, share in zip(rig.joints, ratio.tolist()) if share > 1.0]
     # A column that is mapped with a factor has its torque constant in it.
     has_constant = [name in log.sources and abs(log.sources[name].factor) != 1.0 for name in names]
-    constants = [
-        1.0 if done else rig.motors[j].torque_constant for j, done in zip(wrong, has_constant)
-    ]
-    maps = log.remapped(
-        {name: (name, 1e-3 * (constant or 1.0)) for name, constant in zip(names, constants)}
-    )
+    maps = log.remapped({name: (name, 1e-3) for name in names})
     most = float(ratio.max())
     limit = float(rig.tau_max[ratio.argmax()])
     what = f"is {most:.2g} times the motor's {limit:.3g} N m, rms: another unit, mA or mN m say"
     joint = rig.joints[int(ratio.argmax())]
-    if all(has_constant):
-        unit = "if its current is in mA"
-    elif None in constants:
-        unit = "from mN m, times KT from mA"
-    else:
-        unit = "from mA, *1e-3 from mN m"
+    unit = "if its current is in mA" if all(has_constant) else "from mN m, times KT from mA"
     mend = f"map it: {maps} {rig.in_units(joint, unit)}"
     raise LogError(f"{log.name}: {', '.join(names)}", rig.in_units(joint, what), mend)
 

@@ -55,7 +55,7 @@ def test_a_torque_in_another_unit_is_refused_with_the_map_that_mends_it() -> Non
     loud = replace(log, tau=2000.0 * rig.tau_max * log.tau / np.abs(log.tau).max(axis=0))  # type: ignore[operator]
     with pytest.raises(
         LogError,
-        match=r"tau_yaw.*times the motor's 4.5 N m.*--map 'tau_yaw=tau_yaw\*0.00075'.* from mA",
+        match=r"tau_yaw.*times the motor's 4.5 N m.*--map 'tau_yaw=tau_yaw\*0.001'.* from mN m, times KT from mA",
     ):
         identify(rig, [loud])
 
