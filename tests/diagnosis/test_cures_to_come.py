@@ -54,6 +54,7 @@ def test_the_delay_of_a_slow_log_is_the_one_that_identify_fits() -> None:
     rig = Rig.load("turret")
     log = prescribed(nominal(rig), seconds=40.0, torque_noise=0.005, dt=0.04)
     found = diagnose(rig, [log], FEW)
+    assert found.after.lags
     lags = identify(rig, [log]).model.lags
     for joint, (lag, std) in found.after.lags.items():
         assert abs(lag - lags[joint][0]) < 4 * np.hypot(std, lags[joint][1])
