@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import copysign, nan, pi
+from math import copysign, nan
 from typing import ClassVar
 
 import numpy as np
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.loose import ROTOR_SHARE, Loose
+from gimbal_pin.effects.loose import ROTOR_SHARE, Geared
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.effects.signal import SignalMemory
-from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 
 FINER = 16
@@ -22,7 +21,7 @@ FINER = 16
 
 
 @dataclass(frozen=True)
-class Backlash(Loose):
+class Backlash(Geared):
     """``y = x - (1 - 1/r) J dw/dt``: a rotor at rate w in a gap passes nothing on, and its momentum when it lands.
 
     Two masses J (rotor) and I (link): the rigid joint feels y. With the encoder on the rotor r = J/(I + J), the rotor's
@@ -30,8 +29,16 @@ class Backlash(Loose):
     With the encoder on the rotor x is what pushes on the gap: the command less the motor's friction, and ``r/(1 - r)``
     of what the link bears, as the link goes its own way while the rotor crosses. The landing is taken not to bounce.
 
-    The fields are those of `Loose`.
+    Attributes:
+        joint: The joint that has the gap.
+        gap: Width of the gap, rad.
+        inertia: J, the rotor's inertia at the joint, kg m².
+        rotor_share: r, the rotor's share of the joint's inertia; 0 for an encoder on the link.
     """
+
+    gap: float
+    inertia: float = 1e-3
+    rotor_share: float = 0.0
 
     name: ClassVar[str] = "backlash"
     shapes: ClassVar[tuple[Parameter, ...]] = (
@@ -52,35 +59,11 @@ class Backlash(Loose):
             meaning="rotor's inertia that crosses the gap, at the joint",
         ),
         ROTOR_SHARE,
-        Parameter(
-            "flank",
-            0.0,
-            "Hz",
-            0.0,
-            500.0,
-            meaning="how fast the link rings on a flank; 0: it lands for good",
-        ),
-        Parameter("damping", 0.0, "1", 0.0, 10.0, meaning="damping ratio of that ringing"),
     )
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
     compensation: ClassVar[str] = (
         "references that reverse rarely; lower gains, as the joint is loose within the gap"
     )
-
-    @classmethod
-    def planted(cls, joint: str | None, given: Mapping[str, float]) -> Backlash:
-        """As of any cause; flanks that give belong to a link that no encoder sees.
-
-        Raises:
-            UsageError: They are stated without the rotor's share: nothing would come of them.
-        """
-        made: Backlash = super().planted(joint, given)
-        if made.flank and not made.springy:
-            what = "flank is how a link rings that no encoder sees, and rotor_share is 0: the encoder sits on the link"
-            raise UsageError(
-                cls.name, what, "give rotor_share as well, or leave out flank and damping"
-            )
-        return made
 
     @property
     def geared(self) -> bool:
@@ -94,14 +77,8 @@ class Backlash(Loose):
 
     def start(self, level: float = 0.0) -> SignalMemory:
         """Return the rotor's place in the gap, rad, and its rate, rad/s: at rest on the side it pushes."""
-        bent = (
-            level / self.inertia * self.rotor_share / (2 * pi * self.flank) ** 2
-            if self.springy
-            else 0.0
-        )
-        return copysign(
-            self.gap / 2, level + 0.0
-        ) + bent, 0.0  # a zero has a sign that means nothing
+        positive_zero = 0.0  # added to a level of -0.0, whose sign means nothing
+        return copysign(self.gap / 2, level + positive_zero), 0.0
 
     def step(self, memory: SignalMemory, x: float, dt: float) -> tuple[SignalMemory, float]:
         """Fly or push; what does not speed the rotor up is passed on."""
@@ -109,9 +86,7 @@ class Backlash(Loose):
         push = x / self.inertia * dt
         after = rate + push
         end = place + (rate + push / 2) * dt
-        if self.springy:
-            end, after = self.flanks(dt, self.rotor_share).moved(place, rate, x / self.inertia)
-        elif abs(end) >= self.gap / 2:
+        if abs(end) >= self.gap / 2:
             after = 0.0
             end = copysign(self.gap / 2, end)
         kept = 1 - 1 / self.rotor_share if self.rotor_share else 1.0
@@ -119,8 +94,6 @@ class Backlash(Loose):
 
     def acting(self, command: Array, dt: float) -> Array:
         """Step through the flights alone: from a landing to the torque's next change of sign all of it passes."""
-        if self.springy:
-            return super().acting(command, dt)
         out = command.astype(float)
         values = command.tolist()
         k = 0
@@ -133,15 +106,6 @@ class Backlash(Loose):
                 flying = memory[1] != 0.0 or memory[0] * values[k] <= 0.0
                 k += 1
         return out
-
-    def shown(
-        self, values: Sequence[float] = (), covariance: Array | None = None
-    ) -> tuple[Parameter, ...]:
-        """Without flanks that do not give."""
-        every = super().shown(values, covariance)
-        return (
-            every if self.flank else tuple(p for p in every if p.name not in ("flank", "damping"))
-        )
 
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
@@ -166,13 +130,9 @@ class Backlash(Loose):
         )
 
     def says(self, values: Sequence[float] = ()) -> str:
-        """Return the gap; times the rotor's inertia where flanks do not give: no torque tells one without the other.
+        """Return the gap times the rotor's inertia: no torque shows one without the other.
 
         A rotor at p gap within it goes by ``p'' = x/(J gap)``, and lands with the momentum ``J gap p'``.
         """
-        size = f" by {self.gap:.3g} rad"
-        more = ""
-        if not self.springy:
-            size = ""
-            more = f", gap times rotor's inertia being {self.gap * self.inertia:.3g} rad kg m^2"
-        return f"the joint is loose{size}: at every reversal of the torque it is free, then knocks{more}"
+        product = f"gap times rotor's inertia being {self.gap * self.inertia:.3g} rad kg m^2"
+        return f"the joint is loose: at every reversal of the torque it is free, then knocks, {product}"

@@ -32,11 +32,6 @@ def size(x: FloatOrArray) -> FloatOrArray:
     return abs(x) if isinstance(x, float) else np.abs(x)
 
 
-def hypot(x: FloatOrArray, y: FloatOrArray) -> FloatOrArray:
-    """``sqrt(x² + y²)``."""
-    return math.hypot(x, y) if isinstance(x, float) and isinstance(y, float) else np.hypot(x, y)
-
-
 def sign(x: FloatOrArray) -> FloatOrArray:
     """``±1``, of zero too."""
     return math.copysign(1.0, x) if isinstance(x, float) else np.copysign(1.0, x)

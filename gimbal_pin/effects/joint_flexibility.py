@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import asinh, cos, exp, nan, pi, sin, sinh, sqrt
+from dataclasses import dataclass
+from math import cos, exp, nan, pi, sin, sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.loose import ROTOR_SHARE, Geared
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
-from gimbal_pin.effects.signal import JointLoad, Signal, SignalMemory
+from gimbal_pin.effects.signal import JointLoad, SignalMemory
 from gimbal_pin.log.log import Array
 
 WITHIN = 1.2
@@ -38,13 +38,11 @@ class JointFlexibility(Geared):
         frequency: Resonance ω/2π, Hz.
         damping: ζ.
         rotor_share: r; 0 for an encoder on the link.
-        hardening: h, 1/(N m)²: bent by x the spring holds ``k x (1 + h (k x)²)``; 0 for a linear one.
     """
 
     frequency: float
     damping: float = 0.05
     rotor_share: float = 0.0
-    hardening: float = 0.0
 
     name: ClassVar[str] = "joint-flexibility"
     shapes: ClassVar[tuple[Parameter, ...]] = (
@@ -52,14 +50,6 @@ class JointFlexibility(Geared):
             "frequency", nan, "Hz", 0.5, 500.0, meaning="resonance of the link on its spring"
         ),
         Parameter("damping", 0.05, "1", 1e-3, 0.5, meaning="damping ratio of that resonance"),
-        Parameter(
-            "hardening",
-            0.0,
-            "1/(N m)^2",
-            0.0,
-            1e6,
-            meaning="growth of the torque with the square of what a linear spring would hold; 0: it is linear",
-        ),
         ROTOR_SHARE,
     )
     linear: ClassVar[bool] = True
@@ -134,38 +124,23 @@ class JointFlexibility(Geared):
         return np.asarray(command + load + inertial - felt - swings @ begun)
 
     def start(self, level: float = 0.0) -> SignalMemory:
-        """Return the spring's deflection z in N m and its rate in N m/s: ``z (1 + h z²) = level`` by Cardano."""
-        if not self.hardening:
-            return level, 0.0
-        half = 2 / sqrt(3 * self.hardening)
-        return half * sinh(asinh(3 * level / half) / 3), 0.0
+        """Return the torque in the spring, N m, and its rate, N m/s."""
+        return level, 0.0
 
     def step(self, memory: SignalMemory, x: float, dt: float) -> tuple[SignalMemory, float]:
-        """``z'' = ω² (x - z (1 + h z²)) - 2 ζ ω z'``; what speeds neither end up is passed on.
-
-        Exact for a held command, but that h z² is held as it is half way at the rate of the start.
-        """
+        """``z'' = ω² (x - z) - 2 ζ ω z'``, exact for a held command; what speeds neither end up is passed on."""
         w = 2 * pi * self.frequency
-        grown = 1 + self.hardening * (memory[0] + dt / 2 * memory[1]) ** 2
         decay = self.damping * w
-        turn = w * sqrt(grown - self.damping**2)
-        z = memory[0] - x / grown
+        turn = w * sqrt(1 - self.damping**2)
+        z = memory[0] - x
         rate = memory[1]
         c = cos(turn * dt)
         s = sin(turn * dt) / turn
         left = exp(-decay * dt)
         after = left * (z * c + (rate + decay * z) * s)
-        rate_after = left * (rate * c - (w * w * grown * z + decay * rate) * s)
+        rate_after = left * (rate * c - (w * w * z + decay * rate) * s)
         kept = 1 - 1 / self.rotor_share if self.rotor_share else 1.0
-        return (x / grown + after, rate_after), x - kept * (rate_after - rate) / (w * w * dt)
-
-    def acting(self, command: Array, dt: float) -> Array:
-        """Sample by sample, where it is not linear."""
-        return self.stepped(command, dt) if self.hardening else super().acting(command, dt)
-
-    def matrices(self, dt: float) -> tuple[Array, Array, Array, float]:
-        """What `step` does of a small command: hardening is none of that."""
-        return Signal.matrices(replace(self, hardening=0.0), dt)
+        return (x + after, rate_after), x - kept * (rate_after - rate) / (w * w * dt)
 
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
@@ -194,8 +169,5 @@ class JointFlexibility(Geared):
         return (*rungs, *behind)
 
     def says(self, values: Sequence[float] = ()) -> str:
-        """Return the resonance, and the torque at which a spring that hardens is twice as stiff: ``3 h z² = 1``."""
-        rings = f"the joint gives like a spring and rings at {self.frequency:.3g} Hz (damping {self.damping:.2g})"
-        if not self.hardening:
-            return rings
-        return f"{rings}; it hardens, twice as stiff at {4 / 3 / sqrt(3 * self.hardening):.3g} N m"
+        """Return the resonance and its damping."""
+        return f"the joint gives like a spring and rings at {self.frequency:.3g} Hz (damping {self.damping:.2g})"

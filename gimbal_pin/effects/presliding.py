@@ -10,12 +10,9 @@ from typing import Any, ClassVar
 
 from gimbal_pin.effects.base import Effect, EffectMemory, Sample, Term
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import FloatOrArray, clip_value, exp, sign, size
+from gimbal_pin.effects.functions import FloatOrArray, exp, sign, size
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
-
-BRISTLE_LENGTHS = tuple((2 * i + 1) / 8 for i in range(8))
-"""Lengths of bristles in strokes: evenly between none and two, enough of them that a log tells no single one."""
 
 
 @dataclass(frozen=True)
@@ -25,20 +22,14 @@ class Presliding(Effect):
     The memory z in [-1, 1] depends on the way, not on the time; it does not stick, as a spring does not. Bristles that
     are damped add ``damping (v - z |v|)`` while they bend (Canudas de Wit et al., IEEE TAC 40, 1995, eq. 3).
 
-    Bristles of many lengths slip one after the other (Maxwell slip; Iwan, J. Appl. Mech. 33, 1966): z is the mean of
-    ``dz_i/dq = 1/(REACH_i stroke)`` within ±1. They remember every reversal that no longer way has wiped out, Dahl's
-    but the last.
-
     Attributes:
         joint: The joint it acts on.
-        stroke: Angle over which the friction builds up, rad: to 1 - 1/e, or the mean over which bristles slip.
+        stroke: Angle over which the friction builds up to 1 - 1/e, rad.
         damped: True adds the damping.
-        slips: True for bristles of many lengths.
     """
 
     stroke: float
     damped: bool = False
-    slips: bool = False
 
     name: ClassVar[str] = "presliding"
     shapes: ClassVar[tuple[Parameter, ...]] = (
@@ -69,31 +60,26 @@ class Presliding(Effect):
         return self.linear if self.damped else self.linear[:1]
 
     def basis(self, at: Sample) -> tuple[FloatOrArray, ...]:
-        """The bristles' bend, and a stroke times its rate."""
-        held = self.remembered(at)
-        bend = sum(held) / len(held) if self.slips and held is not at.slide else held
+        """Return the bristles' bend, and a stroke times its rate."""
+        bend = self.remembered(at)
         return (bend, at.v - bend * size(at.v)) if self.damped else (bend,)
 
     def start(self) -> EffectMemory | None:
-        """Unbent."""
-        return [0.0] * len(BRISTLE_LENGTHS) if self.slips else 0.0
+        """Return bristles that are not bent."""
+        return 0.0
 
     def evolve(self, memory: EffectMemory, moved: FloatOrArray) -> EffectMemory:
-        """``s + (z - s) exp(-|dq|/stroke)``, the exact solution for a way in one direction s; or that of each z_i."""
-        if self.slips:
-            return [
-                clip_value(z + moved / (reach * self.stroke), -1.0, 1.0)
-                for z, reach in zip(memory, BRISTLE_LENGTHS)
-            ]
+        """``s + (z - s) exp(-|dq|/stroke)``, the exact solution for a way in one direction s."""
         way = sign(moved)
         return way + (memory - way) * exp(-size(moved) / self.stroke)
 
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
-        """Strokes up to a third of the way, without damping and with it, bristles of one length and of many."""
+        """Return strokes up to a third of the way, without damping and with it."""
         strokes = build_geometric_grid(4e-4, min(seen.travel / 3, 0.5), 6, cls.shapes[0])
-        forms = product((False, True), (False, True), strokes)
-        return tuple(cls.inside(joint, stroke, damped, slips) for slips, damped, stroke in forms)
+        return tuple(
+            cls.inside(joint, stroke, damped) for damped, stroke in product((False, True), strokes)
+        )
 
     @classmethod
     def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:

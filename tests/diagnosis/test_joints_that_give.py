@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from gimbal_pin.control import tune
 from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Problem, gather, solve_causes
@@ -25,7 +24,6 @@ from tests.candidates import refined, worth
 
 RIG = Rig.load("turret")
 JOINT = RIG.joints[-1]
-HARD = 3.0
 
 
 def two_masses(push: Array, gap: float, rotor: float, link: float, load: float, dt: float) -> Array:
@@ -197,14 +195,10 @@ def test_a_spring_is_found_by_its_zero() -> None:
     assert told == pytest.approx(stiff, rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ("stroke", "damping", "slips"), [(0.03, 0.2, False), (0.08, 0.05, False), (0.05, 0.1, True)]
-)
-def test_bristles_are_told_from_others_by_damping_and_lengths(
-    stroke: float, damping: float, slips: bool
-) -> None:
+@pytest.mark.parametrize(("stroke", "damping"), [(0.03, 0.2), (0.08, 0.05)])
+def test_damped_bristles_are_recovered(stroke: float, damping: float) -> None:
     name = RIG.joints[0]
-    term = Term(Presliding(name, stroke, True, slips), (0.1, damping))
+    term = Term(Presliding(name, stroke, True), (0.1, damping))
     plain = nominal(RIG)
     log = prescribed(
         replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3
@@ -216,7 +210,7 @@ def test_bristles_are_told_from_others_by_damping_and_lengths(
     tried = [refined(first, one) for one in Presliding.tried(name, problem.evidence.seen[0])]
     found = max(tried, key=partial(worth, first))
     state = solve_causes(problem, (found,), first)
-    assert isinstance(found, Presliding) and found.damped and found.slips == slips
+    assert isinstance(found, Presliding) and found.damped
     assert found.stroke == pytest.approx(stroke, rel=0.1)
     assert state.coefficients(found)[1] == pytest.approx(damping, rel=0.2)
 
@@ -232,37 +226,3 @@ def test_far_under_its_resonance_a_spring_shows_one_figure_of_two(
         for f, r in ((hertz, share), other)
     )
     assert np.linalg.norm(one - two) < 0.05 * np.linalg.norm(one)
-
-
-def test_what_a_spring_that_hardens_holds_bends_it_back() -> None:
-    spring = JointFlexibility("pan", 8.0, hardening=HARD)
-    torque = np.linspace(-3.0, 3.0, 61)
-    z = np.array([spring.start(level)[0] for level in torque.tolist()])
-    np.testing.assert_allclose(z * (1 + HARD * z**2), torque, atol=1e-12)
-    assert replace(spring, hardening=0.0).start(2.0) == (2.0, 0.0)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3])
-def test_a_spring_that_hardens_steps_as_its_equation_says(share: float) -> None:
-    """``z'' = ω² (x - z - h z³) - 2 ζ ω z'`` by a solver, its momentum passed on, and at rest what it bends to."""
-    spring = JointFlexibility("pan", 3.0, 0.3, share, HARD)
-    dt = 1e-3
-    w = 6 * np.pi
-    command = np.sin(7.0 * dt * np.arange(1000))
-    memory = spring.start()
-    passed = []
-    for x in command.tolist():
-        memory, y = spring.step(memory, x, dt)
-        passed.append(y)
-
-    def rates(t: float, z: Array) -> list[float]:
-        x = command[min(int(t / dt), len(command) - 1)]
-        return [z[1], w * w * (x - z[0] * (1 + HARD * z[0] ** 2)) - 0.6 * w * z[1]]
-
-    end = solve_ivp(rates, (0.0, dt * len(command)), [0.0, 0.0], rtol=1e-6, max_step=dt).y[:, -1]
-    np.testing.assert_allclose(memory, end, atol=2e-3 * w)
-    kept = 1 - 1 / share if share else 1.0
-    assert np.sum(passed) * dt == pytest.approx(np.sum(command) * dt - kept * memory[1] / w**2)
-    for _ in range(5000):
-        memory, y = spring.step(memory, 2.0, dt)
-    assert memory[0] == pytest.approx(spring.start(2.0)[0]) and y == pytest.approx(2.0)

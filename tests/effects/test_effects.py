@@ -291,36 +291,6 @@ def test_presliding_slides_after_its_stroke_and_forgets_no_small_reversal() -> N
     assert loop[-1] < loop[299] and loop.min() < 0 < loop[-1]
 
 
-def test_bristles_of_many_lengths_obey_masing_and_close_every_loop() -> None:
-    """Back from sliding ``z = 1 - 2 F(x/2)``, F the first curve; a loop within a way leaves no trace; Dahl's does."""
-    many = Presliding("tilt", 0.01, slips=True)
-    one = Presliding("tilt", 0.01)
-    x = np.linspace(0.0, 0.05, 301)
-
-    def bend(q: Array) -> Array:
-        still = np.zeros(len(q))
-        return np.asarray(many.basis(Sample(still, q, still, still, still, still))[0])
-
-    first = bend(x)
-    assert np.all(np.diff(first) >= 0) and np.all(np.diff(first, 2) < 1e-12)
-    assert first[x < 0.018].max() < 1.0 == first[x >= 0.02].min()
-    np.testing.assert_allclose(
-        bend(np.concatenate([x, x[-1] - x]))[len(x) :], 1 - 2 * bend(x / 2), atol=1e-12
-    )
-    way = np.linspace(0.0, 0.008, 90)
-    loop = np.concatenate([way, way[:40:-1], way[40:]])
-    for effect, closed in ((many, True), (one, False)):
-        held = effect.scan(loop)
-        assert np.allclose(held[..., -1], held[..., 89], atol=1e-12) == closed
-        memory = effect.start()
-        for moved in np.diff(loop).tolist():
-            memory = effect.evolve(memory, moved)
-        np.testing.assert_allclose(held[..., -1], memory, atol=1e-12)
-        at = Sample(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, memory=memory)
-        assert isinstance(effect.basis(at)[0], float)
-        assert effect.basis(at)[0] == pytest.approx(np.mean(memory))
-
-
 @given(stroke=st.floats(1e-4, 0.5))
 def test_every_stroke_is_within_reach_of_one_that_is_tried(stroke: float) -> None:
     seen = OperatingRange(60.0, 0.005, 12.0, 1.6, 1.0, 1e-3, 1.0, 1.2)
