@@ -1,27 +1,44 @@
-"""The refitted model of a log of some terms: where the search begins."""
+"""Logs of planted terms, and the refitted model of a log, where the search begins."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from gimbal_pin.diagnosis import Problem, State, solve_causes
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Problem, State, gather, solve_causes
 from gimbal_pin.dynamics import Model, nominal, reduce_parameters
 from gimbal_pin.effects import Term
 from gimbal_pin.log import Log
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
-from tests.diagnosis.test_forms import ALIGNED, gather
 
 RIG = Rig.load("turret")
+ALIGNED = replace(DIAGNOSIS_BAND, alignment=0.0)
+
+
+def record(
+    model: Model, seed: int = 3, seconds: float = 8.0, noise: float = 1e-3, dt: float = 2e-3
+) -> Log:
+    """A log of a model's prescribed motion, with white torque noise, N m."""
+    motion = fourier(model.rig, seed, seconds, dt)
+    tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)
+    tau += noise * np.random.default_rng(seed + 1).standard_normal(tau.shape)
+    return Log("log", model.rig.joints, motion.t, motion.q, motion.v, tau)
+
+
+def plant(*terms: Term, rig: Rig = RIG) -> Model:
+    """The nominal model of a rig with terms on top."""
+    return Model(rig, (*nominal(rig).terms, *terms))
+
+
+def refit(log: Log, rig: Rig = RIG, filtering: Filtering = ALIGNED) -> State:
+    """The refitted model of a log without any cause."""
+    problem = Problem.of(gather(rig, [log], filtering), reduce_parameters(rig))
+    return solve_causes(problem, (), solve_causes(problem, ()))
 
 
 def first(*terms: Term, rig: Rig | None = None, given: Rig = RIG) -> State:
     """The refitted model without any cause, on a log of these terms on a rig, which may be another than the given."""
-    motion = fourier(given, 3, 14.0, 2e-3)
-    tau = Model(rig or given, (*nominal(given).terms, *terms)).inverse(
-        motion.q, motion.v, motion.a, t=motion.t
-    )
-    tau += 1e-3 * np.random.default_rng(4).standard_normal(tau.shape)
-    log = Log("whole", given.joints, motion.t, motion.q, motion.v, tau)
-    problem = Problem.of(gather(given, [log], ALIGNED), reduce_parameters(given))
-    return solve_causes(problem, (), solve_causes(problem, ()))
+    return refit(record(plant(*terms, rig=rig or given), seconds=14.0), given)
