@@ -1,56 +1,43 @@
-"""Laws of what is told of findings: what else they may be, what is only roughly known, what the noise may hide."""
+"""Laws of what is told: one state of a joint everywhere, sizes as far as they are known, probabilities of one."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from itertools import product
+from math import pi
 
+import lxml.html
 import numpy as np
 import pytest
+from markupsafe import Markup
 
-from gimbal_pin.checks import CHECKS
+from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis import (
     LISTED,
+    Diagnosis,
     Finding,
     Rival,
+    describe_friction,
+    diagnose,
     find_credible,
+    trace_torques,
 )
-from gimbal_pin.effects import CAUSES, TorqueRipple
-from gimbal_pin.report.sections import diagnosis as sections
-from tests.command_line import Run
-from tests.diagnosis.test_forms import SEEN
+from gimbal_pin.effects import Parameter
+from gimbal_pin.identification import Opinion, judge_joint
+from gimbal_pin.report import list_shown_joints, pages, show_diagnosis, tables
+from gimbal_pin.report.summary import missed
+from tests.diagnosis.cases import detent, found, log_of
+from tests.refitted import RIG
+
+INTERVAL = re.compile(r"([-−]?[\d.]+(?:e[-+]\d+)?) ± ([\d.]+(?:e[-+]\d+)?)")
 
 
-def test_the_help_lists_every_cause(run: Run) -> None:
-    said = run("diagnose", "--help")[1]
-    assert {*CAUSES, *CHECKS, "platform-motion"} <= set(re.findall(r"[a-z]+(?:-[a-z]+)*", said))
-
-
-def find(*rivals: Rival, untried: tuple[str, ...] = ()) -> Finding:
+def find(*rivals: Rival, blurred: tuple[str, ...] = ()) -> Finding:
     """A delay with rivals, and with causes that no log of its range tells from it."""
-    gain = {
-        "torque_rmse_before": 1.0,
-        "torque_rmse_after": 0.5,
-        "rollout_rmse_before": 1.0,
-        "rollout_rmse_after": 0.5,
-    }
-    return Finding("delay", "pan", (), gain, 0.0, "pan: delay", "a chirp", rivals, untried)
-
-
-def test_what_else_it_may_be_is_told_with_its_probability() -> None:
-    found = find(
-        Rival("actuator-lag", np.log(4.0), 1e6, "pan"), Rival("armature", 80.0, 9.0, "pan")
-    )
-    assert found.open == f"this log cannot tell it from actuator-lag ({20 * LISTED:.0f} %)"
-    said = "\n".join(map(str, sections.show_finding(found)))
-    assert (
-        f"  T{found.open[1:]}. Try a chirp." in said
-        and f"  Probability {80 * LISTED:.0f} % (" in said
-    )
-    named = find(Rival("armature", 80.0, 9.0, "pan"))
-    text = "\n".join(map(str, sections.show_finding(named)))
-    assert (
-        not named.open and text.count(f"{100 * LISTED:.0f} %") == 2
-    )  # the probability, and the limit beside it
+    keys = [f"{x}_rmse_{y}" for x in ("torque", "rollout") for y in ("before", "after")]
+    gain = dict(zip(keys, (1.0, 0.5, 1.0, 0.5)))
+    return Finding("delay", "pan", (), gain, 0.0, "pan: delay", "a chirp", rivals, blurred)
 
 
 def test_probabilities_are_of_one_cause_and_sure_only_where_many_blocks_tell() -> None:
@@ -63,8 +50,10 @@ def test_probabilities_are_of_one_cause_and_sure_only_where_many_blocks_tell() -
     few, many = (find(Rival("cogging", 40.0, z)) for z in (0.5, 50.0))
     assert few.status == "ambiguous" and few.probability < 0.8 * LISTED
     assert many.status == "named" and many.probability == pytest.approx(LISTED)
-    equal = find(Rival("cogging", 0.0, 0.0))
-    assert equal.probability == pytest.approx(LISTED / 2)
+    assert find(Rival("cogging", 0.0, 0.0)).probability == pytest.approx(LISTED / 2)
+    shared = find(Rival("cogging", np.log(3.0), 1e6), blurred=("armature",))
+    told = [chance / LISTED for *_, chance in shared.probabilities]
+    np.testing.assert_allclose(told, [0.375, 0.375, 0.25], rtol=1e-3)
 
 
 def test_the_class_is_the_smallest_that_holds_the_probability() -> None:
@@ -73,20 +62,157 @@ def test_the_class_is_the_smallest_that_holds_the_probability() -> None:
     assert find_credible("delay", [Rival("b", 3.0, 1e6)]) == ["delay"]
 
 
-def test_what_no_log_tells_apart_shares_a_probability() -> None:
-    shared = find(Rival("cogging", np.log(3.0), 1e6), untried=("armature",))
-    assert [round(chance / LISTED, 3) for _, _, chance in shared.probabilities] == [
-        0.375,
-        0.375,
-        0.25,
-    ]
+# sizes
+
+
+@pytest.mark.parametrize("lower", [-np.inf, 0.0])
+@pytest.mark.parametrize("ratio", [0.1, 0.4, 0.6, 70.0])
+def test_a_size_has_an_interval_or_a_bound(lower: float, ratio: float) -> None:
+    """The bound holds the whole interval; an interval never holds zero."""
+    size = Parameter("level", 0.24, "N m", lower, std=ratio * 0.24)
+    assert size.is_known == (2 * ratio < 1)
+    for text in (size.describe(), tables.state_size(size)):
+        assert (INTERVAL.search(text) is not None) == size.is_known and "N m" in text
+    if not size.is_known:
+        bound = float(re.findall(r"[\d.]+(?:e[-+]\d+)?", size.describe())[-1])
+        assert bound == pytest.approx(0.24 * (1 + 1.96 * ratio), rel=0.06)
+
+
+def test_a_phase_near_zero_is_known_and_one_of_the_whole_circle_is_not() -> None:
+    near, far = (Parameter("phase", 0.01, "rad", -pi, pi, std=std) for std in (0.05, 2.0))
+    assert near.is_known and not far.is_known
 
 
 @pytest.mark.parametrize(
-    ("harmonic", "bent"), [((1.0,), True), ((1.0, 2.0), True), ((1.0, 84.0), False)]
+    ("coulomb", "stated"), [((0.02, 0.002), True), ((-4.8, 0.1), False), ((0.02, 0.02), False)]
 )
-def test_less_than_one_turn_of_a_ripple_is_a_bend(harmonic: tuple[float, ...], bent: bool) -> None:
-    """Of a joint that swings by a radian, as an encoder's error bends its weight; by two turns, a ripple."""
-    alike = TorqueRipple("tilt", harmonic).blurred(SEEN._replace(travel=1.0))
-    assert ("encoder-offset" in alike) == ("torque-gain" in alike) == bent
-    assert TorqueRipple("tilt", harmonic).blurred(SEEN._replace(travel=4 * np.pi)) == ()
+def test_friction_that_is_told_is_positive_and_known(
+    coulomb: tuple[float, float], stated: bool
+) -> None:
+    """Of rigs without stated friction."""
+    model = found("nothing").before
+    known = model.estimated
+    assert known is not None
+    k = known.names.index("tilt.coulomb.Fs")
+    theta = known.theta.copy()
+    covariance = known.covariance.copy()
+    theta[k], covariance[k, k] = coulomb[0], coulomb[1] ** 2
+    bare = replace(
+        model,
+        rig=replace(model.rig, friction=np.zeros_like(model.rig.friction)),
+        estimated=replace(known, theta=theta, covariance=covariance),
+    )
+    said = " ".join(describe_friction(bare, ()))
+    assert ("tilt" in said) == (coulomb[0] > 0) and ("0.02" in said) == stated
+    assert all(float(value) > float(half) for value, half in INTERVAL.findall(said))
+    assert "tilt" not in " ".join(describe_friction(bare, ("tilt",)))
+
+
+# one state
+
+
+def test_no_poor_or_degraded_fit_is_explained() -> None:
+    for fit, structured, lacks, worse in product(np.linspace(-50, 100, 61), *[(False, True)] * 3):
+        state = judge_joint(float(fit), 0.9, structured, lacks, worse)
+        if state in (Opinion.EXPLAINED, Opinion.NOISE_LEFT):
+            assert fit > 50 and not structured and not worse
+        assert state is not Opinion.EXPLAINED or fit > 90
+        assert state.is_open == (state in (Opinion.STRUCTURE_LEFT, Opinion.NOT_EXPLAINED))
+    lost, still = (judge_joint(*x, True, True, True) for x in ((np.nan, 0.9), (99.0, 0.0)))
+    assert lost is still
+
+
+@pytest.mark.parametrize(
+    ("urdf", "refitted", "extended", "verdict"),
+    [
+        (75.0, 75.0, 75.0, "nothing"),
+        (75.0, 60.0, 60.0, "unknown"),
+        (75.0, 60.0, 95.0, "nothing"),
+        (30.0, 40.0, 45.0, "unknown"),
+        (75.0, 74.0, 74.0, "nothing"),
+    ],
+)
+def test_a_refit_that_fails_keeps_a_diagnosis_from_nothing(
+    urdf: float, refitted: float, extended: float, verdict: str
+) -> None:
+    """A joint that refitting made worse is open, until findings undo it."""
+    clean = found("nothing")
+    names = ("stated", "rubbing", "baseline", "extended")
+    errors = {
+        name: {**getattr(clean, name), "fit_percent": {"pan": fit, "tilt": 75.0}}
+        for name, fit in zip(names, (urdf, urdf, refitted, extended))
+    }
+    said = replace(clean, **errors)  # type: ignore[arg-type]
+    assert said.verdict == verdict
+    assert bool(said.deteriorations) == (max(urdf, refitted) > extended + 10)
+
+
+def states_of(table: tables.Table) -> dict[str, str]:
+    """Return joint → what its row says of what is left."""
+    column = table.head.index("What is left")
+    return {Markup(row[0]).striptags(): Markup(row[column]).striptags() for row in table.rows}
+
+
+def test_all_that_speaks_of_a_joint_agrees() -> None:
+    """Table, page, terminal, headline and JSON read one state."""
+    said = detent()
+    stated = {joint: state.value for joint, state in said.opinions.items()}
+    assert {joint: row["opinion"] for joint, row in said.to_dict()["residual"].items()} == stated
+    table = states_of(tables.residual(said))
+    assert all(table[joint].startswith(state) for joint, state in stated.items())
+    assert said.unexplained == ["pan"]
+    for text in (show_diagnosis(said).to_text(), missed(said)):
+        assert "pan" in text
+
+
+def test_headline_and_json_name_what_was_found() -> None:
+    said = found("teeth and breakaway")
+    for one in said.findings:
+        for text in (missed(said), show_diagnosis(said).to_text(), show_diagnosis(said).html):
+            assert one.cause in text and str(one.joint) in text
+    assert missed(None) == missed(found("nothing")) == ""
+    tilt = list_shown_joints(RIG)[1]
+    row = tables.gain(said, list_shown_joints(RIG)).rows[1]
+    for column, model in enumerate(("stated", "rubbing", "baseline", "extended"), start=1):
+        figure = said.to_dict()[model]["rollout_rmse"]["tilt"]
+        assert tilt.text(figure, digits=2) in str(row[column])
+
+
+def test_nothing_is_promised_of_findings_that_a_spoilt_log_shows() -> None:
+    said = found("cable")
+    fault = Fault("acceleration-noise", "tilt", "tilt: noise", (), 2.0, True, "record again")
+    spoilt = replace(said, faults=(fault,))
+    assert spoilt.verdict == "data" and spoilt.to_dict()["findings"][0]["cause"] == fault.cause
+    shown = [show_diagnosis(one).html for one in (said, spoilt)]
+    assert ["What to do about it" in one for one in shown] == [True, False]
+
+
+def lost(said: Diagnosis) -> Diagnosis:
+    """The same where the extended model cannot be simulated, and its figures have no deviations."""
+    (one,) = said.findings
+    loose = tuple(replace(p, std=float("nan")) for p in one.parameters)
+    gain = {**one.gain, "rollout_rmse_after": float("nan")}
+    errors = {**said.extended, "rollout_rmse": dict.fromkeys(said.residual, float("nan"))}
+    return replace(said, findings=(replace(one, gain=gain, parameters=loose),), extended=errors)
+
+
+def test_no_page_shows_a_figure_that_is_none() -> None:
+    said = lost(found("cable"))
+    page = lxml.html.fromstring(f"<div>{show_diagnosis(said).html}</div>").text_content()
+    assert not re.search(r"\bnan\b", page)
+    assert said.findings[0].unsized == said.findings[0].parameters
+    assert not found("cable").findings[0].unsized
+
+
+def test_the_page_escapes_what_a_file_is_called() -> None:
+    log = replace(log_of("nothing"), name="<b>&.csv")
+    page = pages.describe_diagnosis(diagnose(RIG, log, {})).to_html()
+    assert "<b>&.csv" not in page
+
+
+def test_the_extended_model_explains_the_torque_along_the_log() -> None:
+    said = found("delay")
+    traces = [trace_torques(model, log_of("delay")) for model in (said.before, said.after)]
+    np.testing.assert_allclose(traces[0].measured, traces[1].measured, atol=0.05)
+    left = [np.sqrt(np.mean(trace.residual**2, axis=0)) for trace in traces]
+    assert left[1][1] < 0.8 * left[0][1]
