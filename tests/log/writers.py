@@ -12,6 +12,11 @@ Columns = Mapping[str, np.ndarray]
 ULOG_START = b"ULog\x01\x12\x35\x01" + bytes(8)
 
 
+def joints_of(columns: Columns) -> list[str]:
+    """Return the joints that have an angle."""
+    return [name[2:] for name in columns if name.startswith("q_") and name[:6] != "q_ref_"]
+
+
 def as_npy(columns: Columns, path: Path) -> None:
     """Write a plain array, a column each."""
     with path.open("wb") as file:
@@ -42,68 +47,67 @@ def as_hdf5(columns: Columns, path: Path) -> None:
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
 
 
-def as_bag(kind: str) -> Callable[[Columns, Path], None]:
-    """Write what a log's columns say as JointState and Imu messages, as ROS 1, or ROS 2 with one of its storages.
+def write_bag(path: Path, storage: str, topics: Mapping[str, Columns]) -> None:
+    """Write topics of JointState, whose joints change their order, or of an Imu at the base.
 
-    The columns hold angles, rates and torques of all joints, and at most one link's IMU, whole.
+    A topic is an IMU's where it has no angles; `storage` is "ros1", "sqlite3" or "mcap".
     """
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_typestore
 
-    def write(columns: Columns, path: Path) -> None:
-        from rosbags.rosbag1 import Writer as Writer1
-        from rosbags.rosbag2 import StoragePlugin
-        from rosbags.rosbag2 import Writer as Writer2
-        from rosbags.typesys import Stores, get_typestore
+    is_ros1 = storage == "ros1"
+    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    types = store.types
+    serialize = store.serialize_ros1 if is_ros1 else store.serialize_cdr
 
-        joints = [name.removeprefix("tau_") for name in columns if name.startswith("tau_")]
-        links = [name[5:-2] for name in columns if name.startswith("gyro_") and name.endswith("_x")]
-        store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
-        types = store.types
-        vector = types["geometry_msgs/msg/Vector3"]
-        quaternion = types["geometry_msgs/msg/Quaternion"]
-        states = types["sensor_msgs/msg/JointState"]
+    def header(at: int, frame: str) -> object:
+        stamp = types["builtin_interfaces/msg/Time"](*divmod(at, 10**9))
+        sequence = {"seq": 0} if is_ros1 else {}
+        return types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id=frame)
+
+    def message(columns: Columns, k: int, at: int) -> object:
+        joints = joints_of(columns)[:: -1 if k % 3 else 1]
+        if joints:
+            names = [[f"{of}_{joint}" for joint in joints] for of in ("q", "dq", "tau")]
+            groups = [np.array([columns[x][k] for x in group if x in columns]) for group in names]
+            return types["sensor_msgs/msg/JointState"](header(at, ""), joints, *groups)
+        turned, gyro, accel = (
+            types[f"geometry_msgs/msg/{kind}"](*(columns[f"{of}_base_{axis}"][k] for axis in axes))
+            for kind, of, axes in (
+                ("Quaternion", "quat", "xyzw"),
+                ("Vector3", "gyro", "xyz"),
+                ("Vector3", "accel", "xyz"),
+            )
+        )
+        none = np.zeros(9)
         imu = types["sensor_msgs/msg/Imu"]
+        return imu(header(at, "base"), turned, none, gyro, none, accel, none)
 
-        def header(at: int, frame: str) -> object:
-            stamp = types["builtin_interfaces/msg/Time"](*divmod(at, 10**9))
-            sequence = {"seq": 0} if kind == "ros1" else {}
-            return types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id=frame)
-
-        def values(prefix: str, ends: str, k: int) -> list[float]:
-            return [columns[f"{prefix}_{end}"][k] for end in ends]
-
-        with (
-            Writer1(path)
-            if kind == "ros1"
-            else Writer2(path, version=9, storage_plugin=StoragePlugin[kind.upper()]) as bag
-        ):
-            topics = [("/joint_states", states), *(("/imu", imu) for _ in links)]
-            connections = [
-                bag.add_connection(topic, of.__msgtype__, typestore=store) for topic, of in topics
-            ]
+    plugin = {} if is_ros1 else {"version": 9, "storage_plugin": StoragePlugin[storage.upper()]}
+    with (Writer1 if is_ros1 else Writer2)(path, **plugin) as bag:
+        for topic, columns in topics.items():
+            name = message(columns, 0, 0).__msgtype__  # type: ignore[attr-defined]
+            connection = bag.add_connection(topic, name, typestore=store)
             for k, t in enumerate(columns["t"]):
                 at = round(t * 1e9)
-                arrays = (
-                    np.array([columns[f"{of}_{j}"][k] for j in joints]) for of in ("q", "dq", "tau")
-                )
-                messages = [states(header(at, ""), joints, *arrays)]
-                messages += [
-                    imu(header(at, link), quaternion(*values(f"quat_{link}", "xyzw", k)), np.zeros(9),
-                        vector(*values(f"gyro_{link}", "xyz", k)), np.zeros(9),
-                        vector(*values(f"accel_{link}", "xyz", k)), np.zeros(9))
-                    for link in links
-                ]  # fmt: skip
-                for connection, message in zip(connections, messages):
-                    name = type(message).__msgtype__
-                    content = (store.serialize_ros1 if kind == "ros1" else store.serialize_cdr)(
-                        message, name
-                    )
-                    bag.write(connection, at, content)
+                bag.write(connection, at, serialize(message(columns, k, at), name))
+
+
+def as_bag(storage: str) -> Callable[[Columns, Path], None]:
+    """Return what writes joint states, and the base's IMU, as two topics of a bag."""
+
+    def write(columns: Columns, path: Path) -> None:
+        imu = {name: x for name, x in columns.items() if name == "t" or "_base_" in name}
+        states = {name: x for name, x in columns.items() if name == "t" or name not in imu}
+        write_bag(path, storage, {"/joint_states": states, "/imu": imu})
 
     return write
 
 
 def as_ulog(columns: Columns, path: Path) -> None:
-    """Write a ULog as its published layout has it: magic, version, start; flag bits, format, subscription, data."""
+    """Write a ULog as its published layout has it: flag bits, format, subscription, data."""
 
     def message(kind: bytes, content: bytes) -> bytes:
         return struct.pack("<HB", len(content), kind[0]) + content
@@ -123,29 +127,30 @@ def as_ulog(columns: Columns, path: Path) -> None:
 
 
 def as_tlog(columns: Columns, path: Path) -> None:
-    """Write the IMU of the base as a ground station records a vehicle's: HIGHRES_IMU messages behind their times."""
+    """Write what a ground station records: a vehicle's IMU, and its gimbal at half the rate."""
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-    link = mavlink.MAVLink(None, 1, 1)
+    vehicle = mavlink.MAVLink(None, 1, 1)
+    camera = mavlink.MAVLink(None, 1, 154)
     packets = list[bytes]()
     for k, t in enumerate(columns["t"]):
+        stamp = struct.pack(">Q", 1_700_000_000_000_000 + round(1e6 * t))
         imu = [float(columns[f"{of}_base_{axis}"][k]) for of in ("accel", "gyro") for axis in "xyz"]
-        message = mavlink.MAVLink_highres_imu_message(
-            round(1e6 * t), *imu, *([0.0] * 3), 1000.0, 0.0, 0.0, 25.0, 63
-        )
-        packets.append(struct.pack(">Q", round(1.7e15 + 1e6 * t)) + message.pack(link))
+        state = [round(1e6 * t), *imu, 0.0, 0.0, 0.0, 1000.0, 0.0, 0.0, 25.0, 63]
+        packets.append(stamp + mavlink.MAVLink_highres_imu_message(*state).pack(vehicle))
+        if k % 2 == 0:
+            state = [round(1e3 * t), 10.0, -90.0, float(k)]
+            packets.append(stamp + mavlink.MAVLink_mount_orientation_message(*state).pack(camera))
     path.write_bytes(b"".join(packets))
 
 
 def as_candump(columns: Columns, path: Path) -> None:
     """Write what ``candump -l`` hears of one ODrive per joint, in turns and A."""
-    joints = [name.removeprefix("tau_") for name in columns if name.startswith("tau_")]
     lines = []
     for k, t in enumerate(columns["t"]):
-        for node, joint in enumerate(joints):
+        for node, joint in enumerate(joints_of(columns)):
             turns = [columns[f"{of}_{joint}"][k] / (2 * np.pi) for of in ("q", "dq")]
             for command, pair in ((9, turns), (0x14, [0.0, columns[f"tau_{joint}"][k]])):
-                lines.append(
-                    f"({t:.6f}) can0 {node << 5 | command:03X}#{struct.pack('<ff', *pair).hex().upper()}\n"
-                )
+                data = struct.pack("<ff", *pair).hex().upper()
+                lines.append(f"({t:.6f}) can0 {node << 5 | command:03X}#{data}\n")
     path.write_text("".join(lines), "utf-8")
