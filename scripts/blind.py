@@ -35,9 +35,7 @@ from tests.blind.plan import Plan
 
 LOGS = ("log.csv", "rig.urdf", "rig.yaml")
 """What may reach a diagnosis."""
-Stratum = Literal[
-    "clean", "single", "pair", "outside", "data", "drive-clean", "drive-single", "mismatched"
-]
+Stratum = Literal["clean", "single", "pair", "outside", "drive-clean", "drive-single", "mismatched"]
 FINAL: dict[Stratum, int] = {
     "clean": 300, "single": 160, "pair": 100, "outside": 60, "drive-clean": 300, "drive-single": 80, "mismatched": 40,
 }  # fmt: skip

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.random import Generator
 
+from .draws import draw_sign
 from .rig_draw import WINDINGS, frame_of, strong_enough, tilted
 from .rigs import EYE, Array, Inertia, Link, Motor, Payload, Rig, rotation_about
 
@@ -22,9 +24,9 @@ ROLLING = 0.2
 NAMES = ("joint{}", "arm_joint_{}", "j{}", "axis_{}_joint")
 
 
-def _tube(rng: np.random.Generator, mass: float, length: float) -> Inertia:
+def _tube(rng: Generator, mass: float, length: float) -> Inertia:
     """A tube along z with its motor somewhere on it, a little bent: mass kg, length m."""
-    radius = float(rng.uniform(0.12, 0.22)) * length + 0.02
+    radius = rng.uniform(0.12, 0.22) * length + 0.02
     across = mass / 12.0 * (3.0 * radius**2 + length**2)
     along = 0.5 * mass * radius**2
     turn = tilted(rng, 12.0)
@@ -32,13 +34,13 @@ def _tube(rng: np.random.Generator, mass: float, length: float) -> Inertia:
     return Inertia(mass, com, turn @ np.diag([across, across, along]) @ turn.T)
 
 
-def _motor(rng: np.random.Generator, tau_max: float) -> Motor:
+def _motor(rng: Generator, tau_max: float) -> Motor:
     slots, poles = WINDINGS[rng.integers(len(WINDINGS))]
-    friction = tau_max * float(rng.uniform(0.008, 0.03)), tau_max * float(rng.uniform(0.004, 0.015))
-    return Motor(float(rng.uniform(0.1, 2.0)), round(tau_max, 3), slots, poles, 16, *friction, 60.0)
+    friction = tau_max * rng.uniform(0.008, 0.03), tau_max * rng.uniform(0.004, 0.015)
+    return Motor(rng.uniform(0.1, 2.0), round(tau_max, 3), slots, poles, 16, *friction, 60.0)
 
 
-def _links(rng: np.random.Generator, pattern: str, lengths: Array, masses: Array) -> list[Link]:
+def _links(rng: Generator, pattern: str, lengths: Array, masses: Array) -> list[Link]:
     """The chain; frames either stay parallel or have their own z along the axis."""
     name = str(rng.choice(NAMES))
     own = rng.random() < 0.5
@@ -46,7 +48,7 @@ def _links(rng: np.random.Generator, pattern: str, lengths: Array, masses: Array
     links = []
     mount = MOUNTS[rng.integers(len(MOUNTS))]
     for i, kind in enumerate(pattern):
-        sign = float(rng.choice([-1.0, 1.0]))
+        sign = draw_sign(rng)
         direction = sign * (Z if kind == "Z" else Y)
         frame = frame_of(direction, rng) if own else EYE
         low, high = sorted(sign * end for end in TRAVEL[kind])
@@ -66,7 +68,7 @@ def _links(rng: np.random.Generator, pattern: str, lengths: Array, masses: Array
     return links
 
 
-def draw_arm(rng: np.random.Generator, axes: int) -> Rig:
+def draw_arm(rng: Generator, axes: int) -> Rig:
     """An arm of `axes` joints, 0.3–1.2 m long, with a camera at its tip."""
     pattern = str(rng.choice(PATTERNS[axes]))
     reach = float(rng.uniform(0.2, 0.35) + rng.uniform(0.02, 0.12) * axes)
@@ -88,7 +90,7 @@ def draw_arm(rng: np.random.Generator, axes: int) -> Rig:
     motors = tuple(
         _motor(rng, float(x)) for x in 4.0 * work * outward * beyond * rng.uniform(0.7, 1.2, axes)
     )
-    speed = float(rng.uniform(2.0, 4.5))
+    speed = rng.uniform(2.0, 4.5)
     rig = Rig(f"arm_{pattern}", "base", tuple(links), motors, tip, (0.0,) * axes, speed)
     return strong_enough(rng, rig)
 

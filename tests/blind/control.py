@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 
 from .excitation import Reference
 from .plant import Controller
@@ -16,7 +17,7 @@ from .world import World
 
 @dataclass(frozen=True)
 class Gains:
-    """kp (N m/rad), kd (N m s/rad), each (n,); `trust` of the model's torque that is fed forward (0: none)."""
+    """kp (N m/rad), kd (N m s/rad), each (n,); `trust` of the model's torque that is fed forward."""
 
     kp: Array
     kd: Array
@@ -36,40 +37,31 @@ def joint_inertia(rig: Rig, q: Array) -> Array:
     return np.asarray(np.diag(mass_matrix(rig, q)))
 
 
-def draw_soft_gains(
-    rng: np.random.Generator, rig: Rig, reference: Reference, held: tuple[int, ...]
-) -> Gains:
-    """A loop of 1.5–3.5 Hz for chains whose axes act on each other: inertia as felt with the other joints free,
-    1 / (M⁻¹)ᵢᵢ, the least along the motion. Joints that are held are held twice as fast."""
-    poses = reference.q[:: max(1, len(reference.q) // 12)]
-    inertia = np.min([1.0 / np.diag(np.linalg.inv(mass_matrix(rig, q))) for q in poses], axis=0)
+def _draw(rng: Generator, inertia: Array, damped: float, held: tuple[int, ...] = ()) -> Gains:
+    """A loop of 1.5–3.5 Hz around these inertias; joints that are held are held twice as fast."""
     omega = 2.0 * np.pi * rng.uniform(1.5, 3.5, len(inertia))
     omega[list(held)] *= 2.0
-    damping = 2.0 * rng.uniform(0.6, 1.0, len(inertia))
-    return Gains(inertia * omega**2, damping * inertia * omega, float(rng.uniform(0.6, 1.0)))
+    damping = 2.0 * rng.uniform(0.6, damped, len(inertia))
+    return Gains(inertia * omega**2, damping * inertia * omega, rng.uniform(0.6, 1.0))
 
 
-def draw_gains(
-    rng: np.random.Generator, rig: Rig, reference: Reference, feed_forward: bool
-) -> Gains:
-    """A loop of 1.5–3.5 Hz, a little under or over damped."""
-    inertia = joint_inertia(rig, reference.q.mean(axis=0))
-    omega = 2.0 * np.pi * rng.uniform(1.5, 3.5, len(inertia))
-    damping = 2.0 * rng.uniform(0.6, 1.1, len(inertia))
-    return Gains(
-        inertia * omega**2,
-        damping * inertia * omega,
-        float(rng.uniform(0.6, 1.0)) if feed_forward else 0.0,
-    )
+def draw_soft_gains(rng: Generator, rig: Rig, reference: Reference, held: tuple[int, ...]) -> Gains:
+    """A loop for chains whose axes act on each other: inertia as felt with the other joints free,
+    1 / (M⁻¹)ᵢᵢ, the least along the motion."""
+    poses = reference.q[:: max(1, len(reference.q) // 12)]
+    inertia = np.min([1.0 / np.diag(np.linalg.inv(mass_matrix(rig, q))) for q in poses], axis=0)
+    return _draw(rng, inertia, 1.0, held)
+
+
+def draw_gains(rng: Generator, rig: Rig, reference: Reference) -> Gains:
+    """A loop a little under or over damped."""
+    return _draw(rng, joint_inertia(rig, reference.q.mean(axis=0)), 1.1)
 
 
 def feed_forward(model: Rig, reference: Reference, gains: Gains) -> Array:
     """trust · RNEA of the (wrong) model along the reference, and the dither: (N, n)."""
-    if gains.trust == 0.0:
-        return reference.dither
-    return reference.dither + gains.trust * inverse_dynamics(
-        model, reference.q, reference.dq, reference.ddq
-    )
+    torque = inverse_dynamics(model, reference.q, reference.dq, reference.ddq)
+    return reference.dither + gains.trust * torque
 
 
 def closed_loop(

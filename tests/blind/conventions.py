@@ -31,8 +31,6 @@ READINGS: dict[tuple[str, str], Reading] = {
     ("joint-flexibility", "resonance_hz"): Reading("frequency"),
 }
 """(cause, the truth's parameter) → the diagnosis's; where nothing stands the names and meanings agree."""
-SAME_FAULT: dict[str, str] = {"controller-formula": "commanded-torque"}
-"""A fault by another name: a torque that is nothing but the command, and one that is the controller's formula."""
 LOOK_ALIKES = (
     frozenset({"delay", "actuator-lag"}),
     frozenset({"torque-bias", "asymmetric-friction"}),

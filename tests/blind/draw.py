@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.random import Generator
 
-from .corruption import COMMANDED, CORRUPTIONS, MISMATCHES
+from .corruption import MISMATCHES
 from .drive_draw import dressed, spread
 from .effects import CATALOGUE, OUTSIDE, PUBLISHED, TRUSTED, Effect
 from .excitation import EXCITATIONS
@@ -19,15 +20,13 @@ from .plan import LEVELS, SHARES, STRATA, Hidden, Plan
 
 RATES = (250.0, 400.0, 500.0, 800.0, 1000.0)
 CLEAN_BLOCK = 60
-DATA_FORMS = tuple((cause, form) for cause, forms in CORRUPTIONS.items() for form in forms)
-ALL_DATA = (*DATA_FORMS, *(("commanded-torque", form) for form in COMMANDED))
 
 
 def _forms(kinds: Sequence[type[Effect]]) -> list[tuple[str, str]]:
     return [(kind.cause, form) for kind in kinds for form in kind.known + kind.foreign]
 
 
-def _bare(rng: np.random.Generator, stratum: str, count: int) -> list[Plan]:
+def _bare(rng: Generator, stratum: str, count: int) -> list[Plan]:
     """Plans with everything but something hidden."""
     axes = spread(rng, (1, 2, 3, 3), count)
     levels = spread(rng, LEVELS, count)
@@ -42,7 +41,7 @@ def _bare(rng: np.random.Generator, stratum: str, count: int) -> list[Plan]:
     ]  # fmt: skip
 
 
-def _hidden(rng: np.random.Generator, forms: Sequence[tuple[str, str]], block: int) -> list[Hidden]:
+def _hidden(rng: Generator, forms: Sequence[tuple[str, str]], block: int) -> list[Hidden]:
     """Each form once; over five successive blocks, each at every size."""
     places = spread(rng, tuple((np.arange(12) + 0.5) / 12.0), len(forms))
     return [
@@ -58,15 +57,13 @@ def _with(plan: Plan, hidden: Sequence[Hidden]) -> Plan:
     return replace(plan, hidden=tuple(hidden), axes=max(plan.axes, needed), trusted=trusted)
 
 
-def _clean(rng: np.random.Generator, stratum: str) -> list[Plan]:
+def _clean(rng: Generator, stratum: str) -> list[Plan]:
     plans = _bare(rng, stratum, CLEAN_BLOCK)
     trusted = spread(rng, (False, False, False, True), CLEAN_BLOCK)
     return [replace(plan, trusted=yes) for plan, yes in zip(plans, trusted, strict=True)]
 
 
-def _singles(
-    rng: np.random.Generator, block: int, stratum: str, kinds: Sequence[type[Effect]]
-) -> list[Plan]:
+def _singles(rng: Generator, block: int, stratum: str, kinds: Sequence[type[Effect]]) -> list[Plan]:
     hidden = _hidden(rng, _forms(kinds), block)
     plans = [
         _with(plan, [item])
@@ -84,9 +81,9 @@ def _compatible(first: Hidden, second: Hidden) -> bool:
     return first.cause != second.cause and moving < 2 and trusted != 1 and gearing < 2
 
 
-def _partner(rng: np.random.Generator, first: Hidden) -> Hidden | None:
+def _partner(rng: Generator, first: Hidden) -> Hidden | None:
     """Something of at least 3 % that may stand beside the first; None where nothing may."""
-    joint = float(rng.random())
+    joint = rng.random()
     share = float(rng.choice(SHARES[2:]))
     ready = [
         item
@@ -96,7 +93,7 @@ def _partner(rng: np.random.Generator, first: Hidden) -> Hidden | None:
     return ready[int(rng.integers(len(ready)))] if ready else None
 
 
-def _pairs(rng: np.random.Generator, block: int) -> list[Plan]:
+def _pairs(rng: Generator, block: int) -> list[Plan]:
     """Every published form once, at 1 % or more, each with a random partner."""
     firsts = [
         replace(item, share=max(item.share, SHARES[1]))
@@ -110,23 +107,16 @@ def _pairs(rng: np.random.Generator, block: int) -> list[Plan]:
     return [plans[i] for i in rng.permutation(len(plans))]
 
 
-def _data(rng: np.random.Generator) -> list[Plan]:
-    plans = _bare(rng, "data", len(ALL_DATA))
-    return [
-        replace(plan, data=item, level="clean") for plan, item in zip(plans, ALL_DATA, strict=True)
-    ]
-
-
-def _mismatched(rng: np.random.Generator) -> list[Plan]:
+def _mismatched(rng: Generator) -> list[Plan]:
     """Clean rigs of two axes or more, their torque late and their joints exchanged by turns."""
-    faults = [(cause, form) for cause, forms in MISMATCHES.items() for form in forms]
+    faults = list(MISMATCHES)
     plans = _bare(rng, "mismatched", 6 * len(faults))
     return [
         replace(p, data=faults[i % len(faults)], axes=max(p.axes, 2)) for i, p in enumerate(plans)
     ]
 
 
-def _dressed(rng: np.random.Generator, plans: list[Plan]) -> list[Plan]:
+def _dressed(rng: Generator, plans: list[Plan]) -> list[Plan]:
     """The same hidden in logs as people have them."""
     needed = [
         max([CATALOGUE[item.cause].needs_axes for item in plan.hidden], default=1) for plan in plans
@@ -147,7 +137,6 @@ def _block(seed: int, stratum: str, block: int) -> list[Plan]:
         "single": lambda: _singles(rng, block, "single", PUBLISHED),
         "outside": lambda: _singles(rng, block, "outside", OUTSIDE),
         "pair": lambda: _pairs(rng, block),
-        "data": lambda: _data(rng),
         "mismatched": lambda: _mismatched(rng),
         "drive-clean": lambda: _dressed(rng, _clean(rng, stratum)),
         "drive-single": lambda: _dressed(rng, _singles(rng, block, stratum, PUBLISHED)),

@@ -7,6 +7,7 @@ from dataclasses import fields
 from typing import TypeVar
 
 import numpy as np
+from numpy.random import Generator
 
 from .plan import SHARES, DrivePlan, Hidden, Plan
 
@@ -36,7 +37,7 @@ ALIGNED = ("delay", "actuator-lag")
 """Effects that a shift between channels looks like."""
 
 
-def spread(rng: np.random.Generator, values: Sequence[T], count: int) -> list[T]:
+def spread(rng: Generator, values: Sequence[T], count: int) -> list[T]:
     """Every value equally often (to one), in random order."""
     offset = int(rng.integers(len(values)))
     rows = rng.permutation(count)
@@ -49,13 +50,13 @@ def _variant(wanted: str, plan: Plan, light: bool) -> str:
     return "plain" if out_of_place or (wanted == "long" and not light) else wanted
 
 
-def _axes(rng: np.random.Generator, variant: str, arm: bool, plan: Plan) -> int:
+def _axes(rng: Generator, variant: str, arm: bool, plan: Plan) -> int:
     if variant == "many-joints":
         return int(rng.integers(4, 8))
     return max(plan.axes, int(rng.integers(1, 5))) if arm and variant == "plain" else plan.axes
 
 
-def _dress(rng: np.random.Generator, plan: Plan, variant: str, needed: int) -> DrivePlan:
+def _dress(rng: Generator, plan: Plan, variant: str, needed: int) -> DrivePlan:
     arm = variant == "many-joints" or (variant in ("plain", "short") and rng.random() < 0.4)
     idle = (
         ""
@@ -84,7 +85,7 @@ def _dress(rng: np.random.Generator, plan: Plan, variant: str, needed: int) -> D
 
 
 def dressed(
-    rng: np.random.Generator, plans: Sequence[Plan], needed: Sequence[int], light: Sequence[bool]
+    rng: Generator, plans: Sequence[Plan], needed: Sequence[int], light: Sequence[bool]
 ) -> list[DrivePlan]:
     """The same plans in people's logs; `needed`: axes that the hidden needs; `light`: it may run for ten minutes."""
     variants = spread(rng, MIX, len(plans))

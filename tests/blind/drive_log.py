@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.signal import welch
 
 from .coloured import Spectrum
 from .corruption import Columns
 from .drive_sensors import DriveSensors
-from .logbook import ROW, columns_of, shaken
+from .logbook import columns_of, shaken
 from .plant import Trace
 from .rigs import Array
 from .scene import Scene
@@ -35,7 +36,7 @@ class Shown:
     channels: Channels
 
 
-def _stamped(rng: np.random.Generator, jitter: float, t: Array) -> Array:
+def _stamped(rng: Generator, jitter: float, t: Array) -> Array:
     """Stamps of a host's clock: never early, sometimes much too late, always increasing."""
     if jitter == 0.0:
         return t
@@ -59,9 +60,7 @@ def torque_shown(
     return np.asarray(stepped[held])
 
 
-def show(
-    sensors: DriveSensors, scene: Scene, trace: Trace, every: int, rng: np.random.Generator
-) -> Shown:
+def show(sensors: DriveSensors, scene: Scene, trace: Trace, every: int, rng: Generator) -> Shown:
     """Every so manieth sample of the run, as these sensors show it."""
     rows = np.arange(0, len(trace.t), every)
     past = np.maximum(rows - round(sensors.angle_late * scene.rate), 0)
@@ -77,10 +76,10 @@ def show(
 
 
 def written(
-    sensors: DriveSensors, scene: Scene, shown: Shown, extra: Columns, rng: np.random.Generator
+    sensors: DriveSensors, scene: Scene, shown: Shown, extra: Columns, rng: Generator
 ) -> Columns:
     """The log's columns: some rows repeat the one before under their own stamp, some are lost, half the logs have the
-    reference; ROW: the run's sample of each."""
+    reference."""
     rig = scene.rig
     rows = shown.rows
     period = float(np.median(np.diff(shown.t)))
@@ -94,9 +93,7 @@ def written(
     source[0] = 0
     columns = {name: values if name == "t" else values[source] for name, values in columns.items()}
     kept = kept_rows(rng, sensors.lost, len(rows))
-    return {name: values[kept] for name, values in columns.items()} | {
-        ROW: rows[kept].astype(float)
-    }
+    return {name: values[kept] for name, values in columns.items()}
 
 
 def spectrum(

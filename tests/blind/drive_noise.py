@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 from scipy.signal import butter, freqz_sos, lfilter, sosfilt
 
+from .draws import log_uniform
 from .rigs import Array
 
 SETTLING_S = 3.0
@@ -38,7 +40,7 @@ class Colour:
         """One-sided power per Hz at these frequencies; its integral up to rate / 2 is one."""
         return self._gain(hertz, rate) / (0.5 * rate * self._power(rate))
 
-    def series(self, rng: np.random.Generator, shape: tuple[int, int], rate: float) -> Array:
+    def series(self, rng: Generator, shape: tuple[int, int], rate: float) -> Array:
         """Samples (N, n), settled from the first one on."""
         before = round(SETTLING_S / min(self._corner(rate), 1.0) * rate)
         white = rng.normal(size=(shape[0] + before, shape[1])) / np.sqrt(self._power(rate))
@@ -52,7 +54,7 @@ class Colour:
         return -float(np.log(self.phi)) * rate / (2.0 * np.pi) if self.kind == "ar1" else self.hertz
 
 
-def draw_colour(rng: np.random.Generator, rate: float) -> Colour:
+def draw_colour(rng: Generator, rate: float) -> Colour:
     """φ of 0.9–0.99 at the log's rate, or a corner of 0.5–15 Hz."""
-    hertz = float(np.exp(rng.uniform(np.log(0.5), np.log(min(15.0, 0.2 * rate)))))
-    return Colour(str(rng.choice(["ar1", "low-pass"])), float(rng.uniform(0.9, 0.99)), hertz)
+    hertz = log_uniform(rng, 0.5, min(15.0, 0.2 * rate))
+    return Colour(str(rng.choice(["ar1", "low-pass"])), rng.uniform(0.9, 0.99), hertz)

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from math import ceil, exp, pi
 
 import numpy as np
+from numpy.random import Generator
 
+from .draws import log_uniform
 from .drive_noise import Colour, draw_colour
 from .rigs import Array
 from .world import World
@@ -54,7 +56,7 @@ class DriveSensors:
         clock = self.jitter > 0.0 or self.lost > 0.0 or self.repeated > 0.0
         return [*(["clock"] if clock else []), *(["filtered-velocity"] if self.has_rate else [])]
 
-    def reader(self, world: World, samples: int, rng: np.random.Generator) -> DriveReading:
+    def reader(self, world: World, samples: int, rng: Generator) -> DriveReading:
         """What the controller sees."""
         return DriveReading(world, self, samples, rng)
 
@@ -76,9 +78,7 @@ class DriveSensors:
 class DriveReading:
     """(sample, true q, true v) → the encoder's angles and the rates made of them; called sample by sample, in order."""
 
-    def __init__(
-        self, world: World, sensors: DriveSensors, samples: int, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, world: World, sensors: DriveSensors, samples: int, rng: Generator) -> None:
         self.world, self.step, self.observer = world, sensors.step, sensors.rate_law == "observer"
         self.noise = sensors.encoder_noise * rng.normal(size=(samples, world.joints))
         self.period = world.seconds / samples
@@ -117,12 +117,12 @@ def control_rate(rate: float) -> float:
     return rate * ceil(LOWEST_CONTROL_RATE / rate)
 
 
-def draw_drive_sensors(rng: np.random.Generator, rate: float, aligned: bool) -> DriveSensors:
+def draw_drive_sensors(rng: Generator, rate: float, aligned: bool) -> DriveSensors:
     """A drive's sensors for a log of this rate, Hz; `aligned`: its channels are not shifted, its current is fast."""
-    current = 200.0 if aligned else float(np.exp(rng.uniform(np.log(20.0), np.log(200.0))))
+    current = 200.0 if aligned else log_uniform(rng, 20.0, 200.0)
     every = 2 if rate >= 400.0 and not aligned and rng.random() < 0.2 else 1
     slow = 0.5 / (pi * current) + 0.5 * (every - 1) / rate
-    wanted = slow if aligned else float(rng.uniform(-FARTHEST, FARTHEST))
+    wanted = slow if aligned else rng.uniform(-FARTHEST, FARTHEST)
     control = control_rate(rate)
     late = max(0, ceil((slow - wanted) * control - 1e-9)) / control
     clock = rng.random() < 0.5
@@ -130,22 +130,20 @@ def draw_drive_sensors(rng: np.random.Generator, rate: float, aligned: bool) -> 
     return DriveSensors(
         level="drive",
         encoder_bits=int(rng.integers(13, 18)),
-        encoder_noise=float(rng.uniform(0.0, 5e-5)),
-        has_rate=bool(rng.random() < 0.75),
+        encoder_noise=rng.uniform(0.0, 5e-5),
+        has_rate=rng.random() < 0.75,
         rate_law=str(rng.choice(["observer", "difference"])),
-        rate_hz=min(float(np.exp(rng.uniform(np.log(20.0), np.log(80.0)))), control / 12.0),
+        rate_hz=min(log_uniform(rng, 20.0, 80.0), control / 12.0),
         rate_step=float(rng.choice([0.0, 0.002, 0.011, 0.03])),
         noise=draw_colour(rng, rate),
-        noise_share=float(np.exp(rng.uniform(np.log(0.01), np.log(0.05)))),
+        noise_share=log_uniform(rng, 0.01, 0.05),
         current_hz=current,
         torque_step=2.0 ** -float(rng.integers(9, 13)),
         torque_every=every,
         angle_late=late,
         torque_late=wanted - slow + late,
         alignment=wanted,
-        jitter=min(float(np.exp(rng.uniform(np.log(2e-5), np.log(4e-4)))), 0.1 / rate)
-        if clock
-        else 0.0,
-        lost=float(rng.uniform(0.0005, 0.01)) if holes else 0.0,
-        repeated=float(rng.uniform(0.001, 0.02)) if rng.random() < 0.3 else 0.0,
+        jitter=min(log_uniform(rng, 2e-5, 4e-4), 0.1 / rate) if clock else 0.0,
+        lost=rng.uniform(0.0005, 0.01) if holes else 0.0,
+        repeated=rng.uniform(0.001, 0.02) if rng.random() < 0.3 else 0.0,
     )

@@ -6,12 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 
+from .draws import log_uniform
 from .habits import Habit
 from .rigs import Array, Rig
 from .rnea import inverse_dynamics
 
-Shape = Callable[[np.random.Generator, Array], Array]
+Shape = Callable[[Generator, Array], Array]
 """(generator, its own time (N,)) → angle between -1 and 1."""
 
 
@@ -32,23 +34,23 @@ class Reference:
         )
 
 
-def multisine(rng: np.random.Generator, t: Array) -> Array:
+def multisine(rng: Generator, t: Array) -> Array:
     """Five to ten sines, 0.08–2.5 Hz, smaller as they get faster."""
     count = int(rng.integers(5, 11))
-    hertz = np.exp(rng.uniform(np.log(0.08), np.log(2.5), count))
-    weight = hertz ** -float(rng.uniform(0.5, 1.1))
+    hertz = log_uniform(rng, 0.08, 2.5, count)
+    weight = hertz ** -rng.uniform(0.5, 1.1)
     x = (weight * np.sin(2.0 * np.pi * hertz * t[:, None] + rng.uniform(-np.pi, np.pi, count))).sum(
         axis=1
     )
     return np.asarray(x / weight.sum() * 1.6)
 
 
-def chirp(rng: np.random.Generator, t: Array) -> Array:
+def chirp(rng: Generator, t: Array) -> Array:
     """Sweeps up from 0.15 Hz to 4–8 Hz, one after the other, ever smaller on the way."""
-    period = float(rng.uniform(8.0, 15.0))
-    top = float(rng.uniform(4.0, 8.0))
+    period = rng.uniform(8.0, 15.0)
+    top = rng.uniform(4.0, 8.0)
     low = 0.15
-    place = (t / period + float(rng.uniform())) % 1.0
+    place = (t / period + rng.uniform()) % 1.0
     rate = np.log(top / low)
     hertz = low * np.exp(rate * place)
     phase = 2.0 * np.pi * period * (hertz - low) / rate
@@ -56,15 +58,15 @@ def chirp(rng: np.random.Generator, t: Array) -> Array:
     return np.asarray(np.sin(phase) * np.minimum(1.0, (0.3 / hertz) ** 1.3) * fade)
 
 
-def staircase(rng: np.random.Generator, t: Array) -> Array:
+def staircase(rng: Generator, t: Array) -> Array:
     """To and fro between the ends at constant speeds, each pass at another, slow ones and fast ones."""
-    speeds = np.exp(rng.uniform(np.log(0.08), np.log(2.5), 400))
-    turns = np.concatenate([[0.0], np.cumsum(2.0 / speeds)]) - float(rng.uniform(0.0, 1.0))
+    speeds = log_uniform(rng, 0.08, 2.5, 400)
+    turns = np.concatenate([[0.0], np.cumsum(2.0 / speeds)]) - rng.uniform(0.0, 1.0)
     side = np.where(np.arange(len(turns)) % 2 == 0, -1.0, 1.0)
     return np.interp(t, turns, side)
 
 
-def random_steps(rng: np.random.Generator, t: Array) -> Array:
+def random_steps(rng: Generator, t: Array) -> Array:
     """Minimum-jerk moves of 0.3–1.2 s to random places, with rests between."""
     goals = rng.uniform(-1.0, 1.0, 400)
     moves = rng.uniform(0.3, 1.2, 400)
@@ -77,12 +79,10 @@ def random_steps(rng: np.random.Generator, t: Array) -> Array:
     )
 
 
-def reversals(rng: np.random.Generator, t: Array) -> Array:
+def reversals(rng: Generator, t: Array) -> Array:
     """Small triangles of changing size around places that change now and then."""
-    size = np.interp(
-        t, np.linspace(0.0, t[-1] + 1.0, 12), np.exp(rng.uniform(np.log(0.02), np.log(0.2), 12))
-    )
-    hertz = float(rng.uniform(0.4, 1.2))
+    size = np.interp(t, np.linspace(0.0, t[-1] + 1.0, 12), log_uniform(rng, 0.02, 0.2, 12))
+    hertz = rng.uniform(0.4, 1.2)
     triangle = 4.0 * np.abs((hertz * t + 0.25) % 1.0 - 0.5) - 1.0
     return np.asarray(0.8 * random_steps(rng, t / 6.0) + size * triangle)
 
@@ -106,7 +106,7 @@ def _smooth(x: Array, samples: int) -> Array:
     return np.convolve(padded, window / window.sum(), mode="valid")
 
 
-def _mixture(rng: np.random.Generator, t: Array, own: Array) -> Array:
+def _mixture(rng: Generator, t: Array, own: Array) -> Array:
     """Two or three shapes one after the other, each faded into the next within half a second."""
     names = rng.choice(list(SHAPES), int(rng.integers(2, 4)), replace=False)
     edges = np.linspace(t[0], t[-1], len(names) + 1)
@@ -127,9 +127,9 @@ def _angles(rig: Rig, kind: str, t: Array, paces: Array, seeds: list[int]) -> Ar
     columns = []
     for link, seed, pace in zip(rig.links, seeds, paces, strict=True):
         child = np.random.default_rng(seed)
-        reach = 0.5 * (link.upper - link.lower) * float(child.uniform(0.45, 0.85))
-        centre = 0.5 * (link.upper + link.lower) + 0.1 * float(child.uniform(-1.0, 1.0)) * reach
-        own = pace * float(child.uniform(0.8, 1.25)) * t
+        reach = 0.5 * (link.upper - link.lower) * child.uniform(0.45, 0.85)
+        centre = 0.5 * (link.upper + link.lower) + 0.1 * child.uniform(-1.0, 1.0) * reach
+        own = pace * child.uniform(0.8, 1.25) * t
         x = _mixture(child, t, own) if kind == "mixture" else SHAPES[kind](child, own)
         columns.append(centre + reach * _smooth(x, round(0.08 / pace**0.5 / period)))
     return np.stack(columns, axis=1)
@@ -155,9 +155,9 @@ def load(rig: Rig, q: Array, period: float) -> Array:
     )
 
 
-def _dither(rng: np.random.Generator, t: Array, size: Array) -> Array:
+def _dither(rng: Generator, t: Array, size: Array) -> Array:
     """Four sines of torque per joint between 8 and 45 Hz."""
-    hertz = np.exp(rng.uniform(np.log(8.0), np.log(45.0), (len(size), 4)))
+    hertz = log_uniform(rng, 8.0, 45.0, (len(size), 4))
     wave = np.sin(
         2.0 * np.pi * hertz * t[:, None, None] + rng.uniform(-np.pi, np.pi, (len(size), 4))
     )
@@ -165,7 +165,7 @@ def _dither(rng: np.random.Generator, t: Array, size: Array) -> Array:
 
 
 def draw_reference(
-    rng: np.random.Generator,
+    rng: Generator,
     rig: Rig,
     kind: str,
     seconds: float,
@@ -188,5 +188,5 @@ def draw_reference(
     dq, ddq = _derivatives(q, 1.0 / rate)
     shaken = rng.random() < 0.4
     torque = inverse_dynamics(rig, q[::10], dq[::10], ddq[::10]).std(axis=0) + rig.coulomb
-    size = torque * float(rng.uniform(0.02, 0.08)) if shaken else np.zeros_like(torque)
+    size = torque * rng.uniform(0.02, 0.08) if shaken else np.zeros_like(torque)
     return Reference(t, q, dq, ddq, habit.torque(_dither(rng, t, size)))

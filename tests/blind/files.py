@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,24 +12,6 @@ from .corruption import Columns
 from .urdf import urdf_text, yaml_text
 
 FORMAT = "%.12g"
-
-
-@dataclass(frozen=True)
-class CaseFiles:
-    """What a diagnoser may read."""
-
-    log: Path
-    urdf: Path
-    rig: Path
-
-
-@dataclass(frozen=True)
-class TruthFiles:
-    """What it may not."""
-
-    truth: Path
-    perfect_log: Path
-    oracle: Path
 
 
 def write_whole(path: Path, text: str) -> Path:
@@ -49,35 +29,10 @@ def csv_text(columns: Columns) -> str:
     return "\n".join([",".join(columns), *(line % tuple(row) for row in table.tolist())]) + "\n"
 
 
-def read_csv(path: Path) -> Columns:
-    """The columns of a written log."""
-    with path.open(encoding="utf-8") as file:
-        names = file.readline().strip().split(",")
-        table = np.loadtxt(file, delimiter=",", ndmin=2)
-    return {name: table[:, i] for i, name in enumerate(names)}
-
-
-def write(case: Case, folder: Path) -> CaseFiles:
-    """log.csv, rig.urdf and rig.yaml."""
+def write(case: Case, folder: Path) -> None:
+    """Write log.csv, rig.urdf and rig.yaml: what a diagnoser may read."""
     folder.mkdir(parents=True, exist_ok=True)
-    return CaseFiles(
-        log=write_whole(folder / "log.csv", csv_text(case.log)),
-        urdf=write_whole(folder / "rig.urdf", urdf_text(case.given)),
-        rig=write_whole(
-            folder / "rig.yaml", yaml_text(case.given, case.encoder_bits, case.plan.trusted)
-        ),
-    )
-
-
-def write_truth(case: Case, folder: Path) -> TruthFiles:
-    """truth.json, perfect.csv (the same log from perfect sensors) and oracle.npz; keep them from the diagnoser."""
-    folder.mkdir(parents=True, exist_ok=True)
-    oracle = folder / "oracle.npz"
-    beside = folder / ".oracle.part.npz"
-    np.savez_compressed(beside, allow_pickle=False, **case.oracle)
-    os.replace(beside, oracle)
-    return TruthFiles(
-        truth=write_whole(folder / "truth.json", json.dumps(case.truth, indent=1) + "\n"),
-        perfect_log=write_whole(folder / "perfect.csv", csv_text(case.perfect)),
-        oracle=oracle,
-    )
+    write_whole(folder / "log.csv", csv_text(case.log))
+    write_whole(folder / "rig.urdf", urdf_text(case.given))
+    overlay = yaml_text(case.given, case.encoder_bits, case.plan.trusted)
+    write_whole(folder / "rig.yaml", overlay)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 
+from .draws import draw_sign, log_uniform
 from .rigs import Array
 
 LONGEST_FADE = 3.0
@@ -58,13 +60,13 @@ def repeated(samples: int, repeats: int, rate: float) -> Habit:
     return Habit(period, min(period // 2, round(LONGEST_FADE * rate)))
 
 
-def turning_path(rng: np.random.Generator, t: Array, turns: float) -> Array:
+def turning_path(rng: Generator, t: Array, turns: float) -> Array:
     """An angle (N,) that travels so many revolutions at a wandering speed, in every third log back again, rad."""
-    hertz = np.exp(rng.uniform(np.log(0.03), np.log(0.5), 4))
+    hertz = log_uniform(rng, 0.03, 0.5, 4)
     phase = rng.uniform(-np.pi, np.pi, 4)
     wander = np.sin(2.0 * np.pi * hertz * t[:, None] + phase).mean(axis=1)
-    speed = (1.0 + float(rng.uniform(0.05, 0.9)) * wander) * np.clip(t / 0.5, 0.0, 1.0)
+    speed = (1.0 + rng.uniform(0.05, 0.9) * wander) * np.clip(t / 0.5, 0.0, 1.0)
     if rng.random() < 1.0 / 3.0:
-        speed *= np.clip((float(rng.uniform(0.4, 0.7)) * t[-1] - t) / 0.5, -1.0, 1.0)
-    speed *= float(rng.choice([-1.0, 1.0])) * 2.0 * np.pi * turns / np.abs(speed).sum()
-    return np.asarray(np.cumsum(speed) + float(rng.uniform(-np.pi, np.pi)))
+        speed *= np.clip((rng.uniform(0.4, 0.7) * t[-1] - t) / 0.5, -1.0, 1.0)
+    speed *= draw_sign(rng) * 2.0 * np.pi * turns / np.abs(speed).sum()
+    return np.asarray(np.cumsum(speed) + rng.uniform(-np.pi, np.pi))

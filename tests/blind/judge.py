@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .conventions import COMPANY, PARTS, READINGS, SAME_FAULT, Reading
+from .conventions import COMPANY, PARTS, READINGS, Reading
 
 Json = Mapping[str, Any]
 VISIBLE = 3.0
@@ -48,8 +48,7 @@ def judge(truth: Json, diagnosis: Json) -> Judged:
     left = tuple(
         found
         for found in diagnosis["findings"]
-        if not faults & {SAME_FAULT.get(name, name) for name in names_of(found)}
-        and (found["cause"], found["joint"]) not in besides
+        if not faults & names_of(found) and (found["cause"], found["joint"]) not in besides
     )
     return Judged(truth, diagnosis, left)
 
@@ -107,7 +106,7 @@ def all_found(case: Judged) -> bool:
 def fault_told(case: Judged) -> bool:
     """Whether the planted fault of the data is among what is told."""
     told = {name for found in case.diagnosis["findings"] for name in names_of(found)}
-    return case.truth["data"]["cause"] in {SAME_FAULT.get(name, name) for name in told}
+    return case.truth["data"]["cause"] in told
 
 
 def false_alarm(case: Judged) -> float:

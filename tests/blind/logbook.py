@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.random import Generator
 
 from .corruption import Columns
 from .motion import BaseMotion
@@ -14,8 +15,6 @@ from .sensors import ACCELEROMETER_DENSITY, GYRO_DENSITY, kept_rows, stamps, tor
 from .visibility import Channels
 
 AMBIENT = 25.0
-ROW = "#"
-"""A column for the truth, which never reaches a file."""
 
 
 def columns_of(rig: Rig, t: Array, shown: Channels) -> Columns:
@@ -26,18 +25,11 @@ def columns_of(rig: Rig, t: Array, shown: Channels) -> Columns:
     return columns
 
 
-def clean_channels(trace: Trace, encoder_q: Array, has_rate: bool) -> Channels:
-    """What perfect sensors would have shown."""
-    return Channels(encoder_q, trace.v if has_rate else None, trace.command)
-
-
-def noisy_channels(
-    scene: Scene, trace: Trace, rng: np.random.Generator, silent_torque: bool
-) -> Channels:
-    """What these sensors showed; a torque that is a formula of the other channels has no noise of its own."""
+def noisy_channels(scene: Scene, trace: Trace, rng: Generator) -> Channels:
+    """What these sensors showed."""
     noise = torque_noise(rng, scene.sensors, trace.command, scene.rate)
-    tau = trace.command if silent_torque else trace.command + noise
-    return Channels(trace.measured_q, trace.measured_v if scene.sensors.has_rate else None, tau)
+    rate = trace.measured_v if scene.sensors.has_rate else None
+    return Channels(trace.measured_q, rate, trace.command + noise)
 
 
 def temperatures(rig: Rig, trace: Trace, period: float) -> Columns:
@@ -66,7 +58,7 @@ def imu(rig: Rig, t: Array, motion: BaseMotion | None) -> Columns:
     return {name: (gyro if name.startswith("gyro") else force)[:, i] for name, i in names}
 
 
-def shaken(columns: Columns, rng: np.random.Generator, rate: float) -> Columns:
+def shaken(columns: Columns, rng: Generator, rate: float) -> Columns:
     """The IMU's and the thermometers' columns with white noise, the thermometers in steps of 0.1 °C."""
     density = {"gyro": float(GYRO_DENSITY), "accel": ACCELEROMETER_DENSITY}
     noisy = {}
@@ -81,20 +73,12 @@ def shaken(columns: Columns, rng: np.random.Generator, rate: float) -> Columns:
     return noisy
 
 
-def write_columns(
-    scene: Scene, shown: Channels, extra: Columns, reference: bool, rng: np.random.Generator
-) -> Columns:
-    """The log as it is written: stamped, with rows lost, with the reference if asked for (else in every other
-    log), and with each row's sample in column ROW."""
+def write_columns(scene: Scene, shown: Channels, extra: Columns, rng: Generator) -> Columns:
+    """The log as it is written: stamped, with rows lost, in every other log with the reference."""
     rig = scene.rig
     t = scene.reference.t
     columns = columns_of(rig, stamps(rng, scene.sensors, t), shown) | extra
-    if reference or rng.random() < 0.5:
+    if rng.random() < 0.5:
         columns |= {f"q_ref_{joint}": scene.reference.q[:, i] for i, joint in enumerate(rig.joints)}
     rows = kept_rows(rng, scene.sensors.lost, len(t))
-    return {name: values[rows] for name, values in columns.items()} | {ROW: rows.astype(float)}
-
-
-def perfect_columns(rig: Rig, t: Array, shown: Channels, extra: Columns) -> Columns:
-    """The same log from perfect sensors."""
-    return columns_of(rig, t, shown) | extra
+    return {name: values[rows] for name, values in columns.items()}

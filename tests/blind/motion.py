@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 from scipy.interpolate import CubicSpline
 
+from .draws import log_uniform
 from .rigs import Array
 from .rnea import GRAVITY
 
@@ -80,10 +82,10 @@ def _attitude(yaw: Array, pitch: Array, roll: Array) -> Array:
 
 
 def _band(
-    rng: np.random.Generator, low: float, high: float, count: int, rms: float
+    rng: Generator, low: float, high: float, count: int, rms: float
 ) -> tuple[Array, Array, Array]:
     """`count` sines in a band of Hz, log-uniform, with this rms together: amplitude, ω, phase (3, count)."""
-    omega = 2.0 * np.pi * np.exp(rng.uniform(np.log(low), np.log(high), (3, count)))
+    omega = 2.0 * np.pi * log_uniform(rng, low, high, (3, count))
     return (
         np.full((3, count), rms * np.sqrt(2.0 / count)),
         omega,
@@ -110,7 +112,7 @@ def _pad(x: Array, width: int) -> Array:
     return np.pad(x, ((0, 0), (0, width - x.shape[1])))
 
 
-def profile_s(rng: np.random.Generator, size: float) -> BaseMotion:
+def profile_s(rng: Generator, size: float) -> BaseMotion:
     """5° at 0.2–1 Hz and 0.3° at 4–12 Hz of attitude, 1 m/s² at 0.2–2 Hz, rms per axis, all times `size`."""
     attitude = [
         _band(rng, 0.2, 1.0, 20, np.radians(5.0) * size),
@@ -119,7 +121,7 @@ def profile_s(rng: np.random.Generator, size: float) -> BaseMotion:
     return _joined([_band(rng, 0.2, 2.0, 20, size)], attitude)
 
 
-def handheld(rng: np.random.Generator, size: float) -> BaseMotion:
+def handheld(rng: Generator, size: float) -> BaseMotion:
     """A walk: lines at a step rate near 1.8 Hz and its multiples, above a slow sway."""
     step = rng.uniform(1.5, 2.1)
     lines = [

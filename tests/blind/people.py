@@ -5,19 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.random import Generator
 
-from .arm_draw import draw_arm, locked
+from .arm_draw import locked
 from .control import draw_soft_gains, feed_forward
 from .drive_sensors import control_rate, draw_drive_sensors
 from .effects import Effect
 from .excitation import Reference, draw_reference, load
 from .habits import Habit, repeated, turning_path
 from .plan import DrivePlan
-from .rig_draw import draw_rig, nominal
+from .rig_draw import nominal
 from .rigs import Array, Inertia, Rig
 from .scene import FINE_STEP, Scene
 
-Streams = dict[str, np.random.Generator]
+Streams = dict[str, Generator]
 LONG_S, LONG_STEP = 120.0, 1e-3
 MANY, MANY_STEP = 5, 0.5e-3
 """Steps (s) of runs that would take too long: of more than LONG_S, of MANY joints or more."""
@@ -28,11 +29,6 @@ CREEP = 0.03
 """Speed (rad/s) at which a controller's friction torque has nearly all of its size."""
 ENOUGH = 0.9
 """Share of its limits beyond which a joint that turns is slowed down."""
-
-
-def draw_full_rig(plan: DrivePlan, rng: np.random.Generator) -> Rig:
-    """The rig as it stands in its URDF, with every joint, exact."""
-    return (draw_arm if plan.arm else draw_rig)(rng, plan.axes)
 
 
 def _endless(rig: Rig, joint: int, speed: float) -> Rig:
@@ -58,11 +54,9 @@ def _turning_reference(
     return reference
 
 
-def _friction_forward(
-    plan: DrivePlan, rig: Rig, reference: Reference, rng: np.random.Generator
-) -> Array:
+def _friction_forward(plan: DrivePlan, rig: Rig, reference: Reference, rng: Generator) -> Array:
     """What the controller adds against friction, N m (N, n): always on arms, whose loops are soft, else at times."""
-    share = float(rng.uniform(0.6, 0.95)) if plan.arm or rng.random() < 0.4 else 0.0
+    share = rng.uniform(0.6, 0.95) if plan.arm or rng.random() < 0.4 else 0.0
     return np.asarray(
         share * (rig.coulomb * np.tanh(reference.dq / CREEP) + rig.viscous * reference.dq)
     )
@@ -102,11 +96,11 @@ def stage(plan: DrivePlan, full: Rig, streams: Streams) -> tuple[Rig, Scene]:
     return full, Scene(rig, reference, gains, forward, sensors, rate, seed, held, step)
 
 
-def given(plan: DrivePlan, full: Rig, rng: np.random.Generator) -> Rig:
+def given(plan: DrivePlan, full: Rig, rng: Generator) -> Rig:
     """The URDF's rig: exact where it is to be trusted, else off by 0–20 %, and its camera by more."""
     if plan.trusted:
         return full
-    rig = nominal(rng, full, float(rng.uniform(0.0, 0.2)))
+    rig = nominal(rng, full, rng.uniform(0.0, 0.2))
     body = rig.payload.inertia
     share = 1.0 + plan.camera_off
     return rig.with_payload(Inertia(share * body.mass, body.com, share * body.tensor))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-DRIVE_STRATA = ("drive-clean", "drive-single")
 STRATA = {
-    "clean": 0, "single": 1, "pair": 2, "outside": 3, "data": 5, "drive-clean": 8, "drive-single": 9, "mismatched": 12,
+    "clean": 0, "single": 1, "pair": 2, "outside": 3, "drive-clean": 8, "drive-single": 9, "mismatched": 12,
 }  # fmt: skip
 """Name → part of the seed of its draws."""
 SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 LEVELS = ("clean", "dirty")
-VARIANTS = ("plain", "short", "long", "turning", "many-joints")
 
 
 @dataclass(frozen=True)
@@ -26,25 +24,18 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Plan:
-    """One case. `data`: a data cause and its form; `window`: the part of the log that it touches, as shares of it;
-    `trusted`: the URDF is exact and says so."""
+    """One case. `data`: a fault of the data and its form; `trusted`: the URDF is exact and says so."""
 
     seed: int
     stratum: str
     hidden: tuple[Hidden, ...] = ()
     data: tuple[str, str] | None = None
-    window: tuple[float, float] = (0.0, 1.0)
     axes: int = 3
     level: str = "clean"
     excitation: str = "multisine"
     rate: float = 500.0
     seconds: float = 30.0
     trusted: bool = False
-
-    @property
-    def formula(self) -> bool:
-        """Whether the logged torque is nothing but the controller's formula of the other channels."""
-        return self.data is not None and self.data[0] == "commanded-torque"
 
 
 @dataclass(frozen=True)

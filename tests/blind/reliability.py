@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.figure import Figure as Picture
 
-from .conventions import COMPANY, LOOK_ALIKES, SAME_FAULT
+from .conventions import COMPANY, LOOK_ALIKES
 from .judge import Json, Judged, same_joint, visible
 from .table import Figure, wilson
 
@@ -69,7 +69,7 @@ def is_right(case: Judged, name: str, joint: str | None) -> bool | None:
     a cause from outside the library is visible."""
     there = [cause for cause in case.causes if same_joint({"joint": joint}, cause)]
     besides = {COMPANY.get((cause["cause"], cause["form"])) for cause in there}
-    if SAME_FAULT.get(name, name) in case.truth["faults"] or besides & alike(name):
+    if name in case.truth["faults"] or besides & alike(name):
         return None
     if name == "unknown":
         if any(cause["outside"] and visible(cause, joint) for cause in case.causes):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.random import Generator
 
 from .rigs import EYE, Array, Inertia, Link, Motor, Payload, Rig, rotation_about
 from .rnea import inverse_dynamics
@@ -41,12 +42,12 @@ LINK_NAMES: tuple[tuple[str, ...], ...] = (
 WINDINGS = ((12, 14), (24, 22), (24, 28), (36, 42), (18, 16))
 
 
-def tilted(rng: np.random.Generator, degrees: float) -> Array:
+def tilted(rng: Generator, degrees: float) -> Array:
     axis = rng.normal(size=3)
     return rotation_about(axis / np.linalg.norm(axis), np.radians(degrees) * rng.uniform(-1.0, 1.0))
 
 
-def _box(rng: np.random.Generator, mass: float, edge: float, offset: float) -> Inertia:
+def _box(rng: Generator, mass: float, edge: float, offset: float) -> Inertia:
     """A box of about `edge` m, turned a little, its centre `offset` m away in some direction."""
     squares = (edge * rng.uniform(0.6, 1.4, 3)) ** 2
     turn = tilted(rng, 25.0)
@@ -55,26 +56,26 @@ def _box(rng: np.random.Generator, mass: float, edge: float, offset: float) -> I
     return Inertia(mass, offset * direction / np.linalg.norm(direction), tensor)
 
 
-def _motor(rng: np.random.Generator, tau_max: float) -> Motor:
+def _motor(rng: Generator, tau_max: float) -> Motor:
     slots, poles = WINDINGS[rng.integers(len(WINDINGS))]
     return Motor(
-        torque_constant=float(rng.uniform(0.05, 0.4)),
+        torque_constant=rng.uniform(0.05, 0.4),
         tau_max=round(tau_max, 3),
         slots=slots,
         poles=poles,
         encoder_bits=16,
-        coulomb=tau_max * float(rng.uniform(0.004, 0.025)),
-        viscous=tau_max * float(rng.uniform(0.002, 0.01)),
-        warm_up=float(rng.uniform(8.0, 30.0)),
+        coulomb=tau_max * rng.uniform(0.004, 0.025),
+        viscous=tau_max * rng.uniform(0.002, 0.01),
+        warm_up=rng.uniform(8.0, 30.0),
     )
 
 
-def _travel(rng: np.random.Generator, kind: str) -> float:
+def _travel(rng: Generator, kind: str) -> float:
     return float(rng.uniform(2.0, 3.1) if kind == "pan" else rng.uniform(0.7, 1.5))
 
 
 def _links(
-    rng: np.random.Generator, kinds: tuple[str, ...], mass: float, edge: float, reach: float
+    rng: Generator, kinds: tuple[str, ...], mass: float, edge: float, reach: float
 ) -> list[Link]:
     """The chain; frames are either all parallel or have their own z along the axis, as URDFs in the wild do."""
     joints = JOINT_NAMES[rng.integers(len(JOINT_NAMES))]
@@ -112,7 +113,7 @@ def _links(
     return links
 
 
-def frame_of(direction: Array, rng: np.random.Generator) -> Array:
+def frame_of(direction: Array, rng: Generator) -> Array:
     """A rotation whose third column is `direction`."""
     helper = X if abs(direction[0]) < 0.5 else Y
     first = np.cross(helper, direction)
@@ -120,11 +121,11 @@ def frame_of(direction: Array, rng: np.random.Generator) -> Array:
     return frame @ rotation_about(Z, rng.uniform(-np.pi, np.pi))
 
 
-def draw_rig(rng: np.random.Generator, axes: int) -> Rig:
+def draw_rig(rng: Generator, axes: int) -> Rig:
     """A rig with `axes` axes: torque limit 1–5 N m, masses and sizes that fit it."""
     kinds = ORDERS[axes][rng.integers(len(ORDERS[axes]))]
     tau_max = float(np.exp(rng.uniform(0.0, np.log(5.0))))
-    mass = tau_max * float(rng.uniform(0.9, 1.6))
+    mass = tau_max * rng.uniform(0.9, 1.6)
     edge = float((mass / 700.0) ** (1.0 / 3.0))
     concentric = rng.random() < 0.5
     links = _links(rng, kinds, mass, edge, 0.0 if concentric else edge * rng.uniform(0.1, 0.35))
@@ -140,12 +141,12 @@ def draw_rig(rng: np.random.Generator, axes: int) -> Rig:
         motors=tuple(_motor(rng, tau_max * rng.uniform(0.7, 1.0)) for _ in kinds),
         payload=payload,
         armature=(0.0,) * axes,
-        velocity_limit=float(rng.uniform(4.0, 9.0)),
+        velocity_limit=rng.uniform(4.0, 9.0),
     )
     return strong_enough(rng, rig)
 
 
-def strong_enough(rng: np.random.Generator, rig: Rig) -> Rig:
+def strong_enough(rng: Generator, rig: Rig) -> Rig:
     """Motors of at least 3.5 times the gravity that they meet; a rig that cannot move shows nothing."""
     spans = np.array([link.upper for link in rig.links])
     q = spans * rng.uniform(-1.0, 1.0, (200, len(spans)))
@@ -157,7 +158,7 @@ def strong_enough(rng: np.random.Generator, rig: Rig) -> Rig:
     return rig
 
 
-def _perturbed(rng: np.random.Generator, inertia: Inertia, spread: float) -> Inertia:
+def _perturbed(rng: Generator, inertia: Inertia, spread: float) -> Inertia:
     """Other rigid parameters within `spread`, still a real body: Σ = tr(I)/2 - I turns into A Σ Aᵀ."""
     stretch = EYE + 0.5 * spread * rng.uniform(-1.0, 1.0, (3, 3))
     second = 0.5 * np.trace(inertia.tensor) * EYE - inertia.tensor
@@ -169,7 +170,7 @@ def _perturbed(rng: np.random.Generator, inertia: Inertia, spread: float) -> Ine
     return Inertia(mass, com, np.trace(second) * EYE - second)
 
 
-def nominal(rng: np.random.Generator, rig: Rig, spread: float) -> Rig:
+def nominal(rng: Generator, rig: Rig, spread: float) -> Rig:
     """The rig as its URDF has it: geometry right, rigid parameters off by up to `spread` (0–0.2)."""
     links = tuple(
         replace(link, inertia=_perturbed(rng, link.inertia, spread)) for link in rig.links

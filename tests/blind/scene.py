@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.random import Generator
 
 from .control import Gains, closed_loop, draw_gains, feed_forward, joint_inertia
 from .drive_sensors import DriveSensors
@@ -88,14 +89,10 @@ class Scene:
         return np.sqrt(np.mean(inverse_dynamics(self.rig, q, 0.0 * q, 0.0 * q) ** 2, axis=0))
 
 
-def draw_scene(
-    streams: dict[str, np.random.Generator], rig: Rig, sensors: Sensors, plan: Plan
-) -> Scene:
-    """A plan's scene by its random streams; where the torque is to be a formula there is no feed-forward."""
+def draw_scene(streams: dict[str, Generator], rig: Rig, sensors: Sensors, plan: Plan) -> Scene:
+    """A plan's scene by its random streams."""
     reference = draw_reference(streams["motion"], rig, plan.excitation, plan.seconds, plan.rate)
-    gains = draw_gains(streams["control"], rig, reference, not plan.formula)
-    model = nominal(streams["control"], rig, 0.15)
-    forward = np.zeros_like(reference.q) if plan.formula else feed_forward(model, reference, gains)
-    return Scene(
-        rig, reference, gains, forward, sensors, plan.rate, int(streams["noise"].integers(2**31))
-    )
+    gains = draw_gains(streams["control"], rig, reference)
+    forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, gains)
+    seed = int(streams["noise"].integers(2**31))
+    return Scene(rig, reference, gains, forward, sensors, plan.rate, seed)

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from math import exp, pi, sin
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
+from .draws import log_uniform
 from .rigs import Array
 from .world import World
 
@@ -44,22 +46,22 @@ class Sensors:
         """Data causes that are true of these sensors whatever else is hidden."""
         return ["clock"] if self.jitter > 0.0 or self.lost > 0.0 else []
 
-    def reader(self, world: World, samples: int, rng: np.random.Generator) -> Measurement:
+    def reader(self, world: World, samples: int, rng: Generator) -> Measurement:
         """What the controller sees."""
         return Measurement(world, self, samples, rng)
 
 
-def draw_sensors(rng: np.random.Generator, level: str, rate: float) -> Sensors:
+def draw_sensors(rng: Generator, level: str, rate: float) -> Sensors:
     """ "clean": white noise and 16 bits; "dirty": coarse encoders, coloured noise, bias, jitter, lost rows."""
     gyro = float(GYRO_DENSITY * np.sqrt(rate / 2.0))
     if level == "clean":
-        white = float(rng.uniform(0.002, 0.01))
+        white = rng.uniform(0.002, 0.01)
         return Sensors(
             level,
             16,
             2e-5,
-            bool(rng.random() < 0.75),
-            gyro * float(rng.uniform(0.7, 1.5)),
+            rng.random() < 0.75,
+            gyro * rng.uniform(0.7, 1.5),
             0.0,
             white,
             0.0,
@@ -70,24 +72,22 @@ def draw_sensors(rng: np.random.Generator, level: str, rate: float) -> Sensors:
     return Sensors(
         level=level,
         encoder_bits=int(rng.integers(12, 16)),
-        encoder_noise=float(rng.uniform(0.0, 1e-4)),
-        has_rate=bool(rng.random() < 0.7),
-        rate_noise=gyro * float(rng.uniform(2.0, 6.0)),
+        encoder_noise=rng.uniform(0.0, 1e-4),
+        has_rate=rng.random() < 0.7,
+        rate_noise=gyro * rng.uniform(2.0, 6.0),
         rate_bias=float(np.radians(rng.uniform(-0.3, 0.3))),
-        torque_white=float(rng.uniform(0.002, 0.014)),
-        torque_coloured=float(rng.uniform(0.002, 0.014)),
-        torque_corner=float(np.exp(rng.uniform(np.log(2.0), np.log(40.0)))),
-        jitter=float(rng.uniform(0.005, 0.05)) if rng.random() < 0.7 else 0.0,
-        lost=float(rng.uniform(0.0005, 0.01)) if rng.random() < 0.6 else 0.0,
+        torque_white=rng.uniform(0.002, 0.014),
+        torque_coloured=rng.uniform(0.002, 0.014),
+        torque_corner=log_uniform(rng, 2.0, 40.0),
+        jitter=rng.uniform(0.005, 0.05) if rng.random() < 0.7 else 0.0,
+        lost=rng.uniform(0.0005, 0.01) if rng.random() < 0.6 else 0.0,
     )
 
 
 class Measurement:
     """(sample, true q, true v) → encoder and rate readings; its noise is drawn beforehand, the same for every run."""
 
-    def __init__(
-        self, world: World, sensors: Sensors | None, samples: int, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, world: World, sensors: Sensors | None, samples: int, rng: Generator) -> None:
         shape = (samples, world.joints)
         self.step = sensors.step if sensors else 0.0
         q_noise = rng.normal(size=shape)
@@ -110,7 +110,7 @@ class Measurement:
         return angles, [x + e for x, e in zip(v, self.v_noise[k], strict=True)]
 
 
-def coloured(rng: np.random.Generator, shape: tuple[int, int], corner: float, rate: float) -> Array:
+def coloured(rng: Generator, shape: tuple[int, int], corner: float, rate: float) -> Array:
     """First-order low-passed white noise of unit rms, (N, n)."""
     keep = exp(-2.0 * pi * corner / rate)
     path = rng.normal(size=shape)
@@ -120,21 +120,21 @@ def coloured(rng: np.random.Generator, shape: tuple[int, int], corner: float, ra
     return path
 
 
-def torque_noise(rng: np.random.Generator, sensors: Sensors, torque: Array, rate: float) -> Array:
+def torque_noise(rng: Generator, sensors: Sensors, torque: Array, rate: float) -> Array:
     """The error of the reported torque, (N, n), N m."""
     white = sensors.torque_white * rng.normal(size=torque.shape)
     slow = sensors.torque_coloured * coloured(rng, torque.shape, sensors.torque_corner, rate)
     return np.asarray((white + slow) * np.sqrt(np.mean(torque**2, axis=0)))
 
 
-def stamps(rng: np.random.Generator, sensors: Sensors, t: Array) -> Array:
+def stamps(rng: Generator, sensors: Sensors, t: Array) -> Array:
     """Time stamps as a jittery clock writes them, still increasing."""
     period = float(t[1] - t[0])
     error = np.clip(rng.normal(size=len(t)), -3.0, 3.0) * sensors.jitter * period
     return np.asarray(t + error - error[0])
 
 
-def kept_rows(rng: np.random.Generator, lost: float, samples: int) -> NDArray[np.intp]:
+def kept_rows(rng: Generator, lost: float, samples: int) -> NDArray[np.intp]:
     """Indices of the rows that were not lost: of a share `lost` some are alone, some two or three in a row."""
     keep = np.ones(samples, dtype=bool)
     for start in rng.integers(2, samples - 8, int(lost * samples / 2.0)):

@@ -130,8 +130,8 @@ def score(cases: Sequence[Judged]) -> list[Figure]:
         _share("clean logs: any name", (bool(case.findings) for case in clean)),
         _share("outside the library: something named", map(named_wrong, of("outside", seen=True))),
         _share("drive-like, one cause: named but wrong", map(named_wrong, of("drive-single"))),
-        _share("data faults told", map(fault_told, of("data"))),
-        _share("data faults: physics named", map(named_wrong, of("data"))),
+        _share("data faults told", map(fault_told, of("mismatched"))),
+        _share("data faults: physics named", map(named_wrong, of("mismatched"))),
         _share("refused", (case.verdict == "refused" for case in cases)),
     ]  # fmt: skip
 

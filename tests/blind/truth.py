@@ -15,7 +15,7 @@ from .plan import Hidden, Plan
 from .plant import Trace
 from .rigs import Array, Rig
 from .scene import Scene
-from .visibility import projected, rms
+from .visibility import projected
 from .world import World
 
 DROWNED = 0.2
@@ -48,20 +48,21 @@ class Blur:
 def describe(run: Run, damage: Damage, blur: Blur) -> Truth:
     """Everything about a case, keys as they stand in truth.json."""
     plan = run.plan
-    scene = run.scene
     rig = run.scene.rig
-    ledger = run.ledger
     alone = (run.world, run.ledger) if len(run.effects) == 1 else None
+    pairs = zip(run.effects, plan.hidden, strict=True)
     return {
-        "schema": 1, "plan": asdict(plan), "rig": rig.name, "joints": list(rig.joints), "stratum": plan.stratum,
-        "level": plan.level, "expected": expected(plan), "faults": _faults(run, blur), "data": _data(plan, damage),
-        "causes": [_cause(run, e, h, alone, blur) for e, h in zip(run.effects, plan.hidden, strict=True)],
-        "noise_floor": _by_joint(rig, blur.floor), "acceleration_noise": _by_joint(rig, blur.acceleration),
-        "torque_rms": _by_joint(rig, rms(ledger.command)), "effect_rms": _by_joint(rig, rms(ledger.effect)),
-        "coulomb": _by_joint(rig, run.world.reference.coulomb),
-        "viscous": _by_joint(rig, run.world.reference.viscous),
-        "sensors": asdict(scene.sensors), "train_until": 2.0 / 3.0 * plan.seconds,
-    }  # fmt: skip
+        "schema": 1,
+        "plan": asdict(plan),
+        "rig": rig.name,
+        "joints": list(rig.joints),
+        "stratum": plan.stratum,
+        "faults": _faults(run, blur),
+        "data": _data(plan, damage),
+        "causes": [_cause(run, effect, hidden, alone, blur) for effect, hidden in pairs],
+        "noise_floor": _by_joint(rig, blur.floor),
+        "sensors": asdict(run.scene.sensors),
+    }
 
 
 def _faults(run: Run, blur: Blur) -> list[str]:
@@ -75,10 +76,7 @@ def _data(plan: Plan, damage: Damage) -> Truth | None:
     if plan.data is None:
         return None
     cause, form = plan.data
-    return {
-        "cause": cause, "form": form, "parameters": damage.parameters, "channels": list(damage.channels),
-        "window": list(plan.window),
-    }  # fmt: skip
+    return {"cause": cause, "form": form, "parameters": damage.parameters}
 
 
 def _cause(
@@ -88,33 +86,27 @@ def _cause(
     scene = run.scene
     rig = run.scene.rig
     world, ledger = alone if alone is not None else trial(scene, effect)
-    smoothed, left = projected(world.reference, ledger, scene.rate, effect.cause in TRUSTED)
+    left = projected(world.reference, ledger, scene.rate, effect.cause in TRUSTED)
     clear = left / np.maximum(blur.floor, 1e-12)
     if blur.noise is not None:
         clear = seen(world.reference, ledger, blur.noise, scene.rate, effect.cause in TRUSTED)
     joint = None if effect.joint is None else rig.joints[effect.joint]
     foreign = effect.form in effect.foreign
     return {
-        "cause": effect.cause, "form": effect.form, "joint": joint, "foreign": foreign,
-        "outside": type(effect) in OUTSIDE, "kin": list(effect.kin), "parameters": effect.parameters(),
-        "comparable": not foreign, "target_share": hidden.share,
+        "cause": effect.cause,
+        "form": effect.form,
+        "joint": joint,
+        "foreign": foreign,
+        "outside": type(effect) in OUTSIDE,
+        "kin": list(effect.kin),
+        "parameters": effect.parameters(),
+        "comparable": not foreign,
+        "target_share": hidden.share,
         "share": share_of(effect, ledger, scene.rate),
-        "raw_rms": _by_joint(rig, rms(ledger.effect)), "smoothed_rms": _by_joint(rig, smoothed),
-        "projected_rms": _by_joint(rig, left), "snr": _by_joint(rig, clear),
-    }  # fmt: skip
+        "projected_rms": _by_joint(rig, left),
+        "snr": _by_joint(rig, clear),
+    }
 
 
 def _by_joint(rig: Rig, values: Array) -> dict[str, float]:
     return {joint: float(value) for joint, value in zip(rig.joints, values, strict=True)}
-
-
-def expected(plan: Plan) -> list[str]:
-    """The verdicts that would be right."""
-    if plan.data is not None:
-        return ["data"]
-    if not plan.hidden:
-        return ["nothing"]
-    names = {kind.cause for kind in OUTSIDE}
-    if all(hidden.cause in names for hidden in plan.hidden):
-        return ["unknown"]
-    return ["named", "ambiguous"]

@@ -64,8 +64,8 @@ def baseline_columns(rig: Rig, ledger: Ledger, rate: float, trusted: bool) -> Ar
     return np.concatenate([*rigid, *friction], axis=2)
 
 
-def projected(rig: Rig, ledger: Ledger, rate: float, trusted: bool) -> tuple[Array, Array]:
-    """The effect, smoothed: its rms per joint as it is, and after the baseline has absorbed what it can; (n,) each."""
+def projected(rig: Rig, ledger: Ledger, rate: float, trusted: bool) -> Array:
+    """The effect, smoothed: its rms per joint after the baseline has absorbed what it can, (n,)."""
     columns = baseline_columns(rig, ledger, rate, trusted)
     rows, n, p = columns.shape
     flat = inner(smooth(columns.reshape(rows, n * p), rate), rate).reshape(-1, p)
@@ -74,7 +74,7 @@ def projected(rig: Rig, ledger: Ledger, rate: float, trusted: bool) -> tuple[Arr
     used = flat[:, scale > 1e-9 * scale.max()]
     used = used / np.linalg.norm(used, axis=0)
     fit = np.linalg.lstsq(used, effect.reshape(-1), rcond=1e-9)[0]
-    return rms(effect), rms(effect - (used @ fit).reshape(-1, n))
+    return rms(effect - (used @ fit).reshape(-1, n))
 
 
 def residual(rig: Rig, shown: Channels, rate: float) -> tuple[Array, Array]:

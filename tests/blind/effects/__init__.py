@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from .base import Context, Effect, Law
-from .drive import ActuatorLag, DeadZone, Delay, Saturation
-from .friction import AsymmetricFriction, LoadFriction, Stribeck
-from .friction_change import Drag, FrictionDrift, PlaceFriction
+from .drive import (
+    ActuatorLag,
+    Cogging,
+    DeadZone,
+    Delay,
+    Saturation,
+    TorqueBias,
+    TorqueGain,
+    TorqueRipple,
+)
+from .friction import (
+    AsymmetricFriction,
+    Drag,
+    FrictionDrift,
+    LoadFriction,
+    PlaceFriction,
+    Presliding,
+    Stribeck,
+)
 from .hanging import CableWhip, MountResonance, Rattle, Slosh
-from .motor import Cogging, TorqueBias, TorqueGain, TorqueRipple
 from .outside_drive import CrossTalk, Dropouts, HotMotor, SupplyHum, TorqueSteps, VoltageLimit
 from .outside_rig import Flywheel, SoftBase
 from .outside_world import BoucWen, FrictionSpots, RubbingStop, StickyBrake, Touch, Wind
 from .payload import OffDiagonalInertia, PayloadMass, PayloadShift, diagonal
-from .presliding import Presliding
 from .rigwide import BaseTilt, EncoderOffset, PlatformMotion, UnmeasuredMotion
 from .structure import Armature, Backlash, CableSpring, JointFlexibility
 

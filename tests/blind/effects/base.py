@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from math import inf
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
+from numpy.random import Generator
 
 from ..mjcf import Appendage, Base
 from ..rigs import Rig
@@ -42,7 +42,7 @@ class Context:
         """Wanted rms of the effect, N m."""
         return self.share * self.torque
 
-    def place(self, rng: np.random.Generator) -> float:
+    def place(self, rng: Generator) -> float:
         """An angle within the middle half of the travelled span, rad."""
         low, high = self.span
         return float(low + (high - low) * rng.uniform(0.25, 0.75))
@@ -67,22 +67,22 @@ class Effect(ABC):
     form: str
 
     cause: ClassVar[str]
-    known: ClassVar[tuple[str, ...]] = ()
-    foreign: ClassVar[tuple[str, ...]] = ()
-    kin: ClassVar[tuple[str, ...]] = ()
-    stage: ClassVar[int] = 0
-    needs_axes: ClassVar[int] = 1
-    widest: ClassVar[float] = 1e6
-    base: ClassVar[Base] = Base.FIXED
-    stiff: ClassVar[bool] = False
-    in_band: ClassVar[bool] = False
-    measured: ClassVar[bool] = True
-    within: ClassVar[tuple[float, float]] = (-inf, inf)
-    told: ClassVar[tuple[str, ...]] = ()
+    known = ()
+    foreign = ()
+    kin = ()
+    stage = 0
+    needs_axes = 1
+    widest = 1e6
+    base = Base.FIXED
+    stiff = False
+    in_band = False
+    measured = True
+    within = (-inf, inf)
+    told = ()
 
     @classmethod
     @abstractmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Effect:
+    def draw(cls, rng: Generator, context: Context, form: str) -> Effect:
         """A first guess of about the wanted size."""
 
     def scaled(self, k: float) -> Effect:
@@ -132,3 +132,32 @@ class Effect(ABC):
     def grip(self, world: World) -> Law | None:
         """Dry friction: changes the limits `state.plus` and `state.minus`."""
         return None
+
+
+def change_torque(joint: int, change: Callable[[State, float], float]) -> Law:
+    """Return the law of a drive: the torque of a joint as a function of what it would be."""
+
+    def law(state: State) -> None:
+        state.u[joint] = change(state, state.u[joint])
+
+    return law
+
+
+def oppose(dof: int, torque: Callable[[State], float]) -> Law:
+    """Return the law of a torque that is taken from a degree of freedom."""
+
+    def law(state: State) -> None:
+        state.force[dof] -= torque(state)
+
+    return law
+
+
+def rub(joint: int, extra: Callable[[State], float]) -> Law:
+    """Return the law of more dry friction in both directions, never less than none."""
+
+    def law(state: State) -> None:
+        more = extra(state)
+        state.plus[joint] = max(state.plus[joint] + more, 0.0)
+        state.minus[joint] = max(state.minus[joint] + more, 0.0)
+
+    return law

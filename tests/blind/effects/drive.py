@@ -1,16 +1,16 @@
-"""What the drive does between command and current: lag, delay, saturation, dead zone."""
+"""What drive and motor do between command and torque: lags, losses, ripple, gain and bias."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import copysign, exp, inf, sqrt, tanh
-from typing import TYPE_CHECKING, ClassVar
+from math import copysign, cos, exp, inf, lcm, pi, sin, sqrt, tanh
+from typing import TYPE_CHECKING
 
-import numpy as np
+from numpy.random import Generator
 
-from .base import Context, Effect, Law
+from ..draws import draw_sign
+from .base import Context, Effect, Law, change_torque, oppose
 
 if TYPE_CHECKING:
     from ..world import State, World
@@ -23,39 +23,36 @@ class ActuatorLag(Effect):
     time_constant: float
     damping: float
 
-    cause: ClassVar[str] = "actuator-lag"
-    known: ClassVar[tuple[str, ...]] = ("first-order",)
-    foreign: ClassVar[tuple[str, ...]] = ("second-order",)
-    stage: ClassVar[int] = 4
-    widest: ClassVar[float] = 60.0
-    within: ClassVar[tuple[float, float]] = (-inf, 0.025)
+    cause = "actuator-lag"
+    known = ("first-order",)
+    foreign = ("second-order",)
+    stage = 4
+    widest = 60.0
+    within = (-inf, 0.025)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> ActuatorLag:
-        return cls(context.joint, form, 0.05 * context.share + 1e-4, float(rng.uniform(0.7, 1.1)))
+    def draw(cls, rng: Generator, context: Context, form: str) -> ActuatorLag:
+        return cls(context.joint, form, 0.05 * context.share + 1e-4, rng.uniform(0.7, 1.1))
 
     def drive(self, world: World) -> Law:
         return self._first(world.dt) if self.form == "first-order" else self._second(world.dt)
 
     def _first(self, dt: float) -> Law:
-        joint = self.own
         x = dt / self.time_constant
         keep = exp(-x)
-        y = 0.0
         mean = (1.0 - keep) / x
+        y = 0.0
 
-        def law(state: State) -> None:
+        def follow(state: State, u: float) -> float:
             nonlocal y
-            u = state.u[joint]
             before = y
             y = u + (before - u) * keep
-            state.u[joint] = u + (before - u) * mean
+            return u + (before - u) * mean
 
-        return law
+        return change_torque(self.own, follow)
 
     def _second(self, dt: float) -> Law:
         """ÿ = ω²(u - y) - 2 ζ ω ẏ, ω = 2 / time constant; substeps keep the implicit rule accurate."""
-        joint = self.own
         omega = 2.0 / self.time_constant
         zeta = self.damping
         pieces = max(1, int(4.0 * omega * dt) + 1)
@@ -63,20 +60,18 @@ class ActuatorLag(Effect):
         scale = 1.0 + zeta * omega * h + 0.25 * (omega * h) ** 2
         y = rate = 0.0
 
-        def law(state: State) -> None:
+        def follow(state: State, u: float) -> float:
             nonlocal y, rate
-            u = state.u[joint]
             total = 0.0
             for _ in range(pieces):
                 push = omega * omega * (u - y) - 2.0 * zeta * omega * rate
                 step = h * (push - 0.5 * h * omega * omega * rate) / scale
-                middle = y + 0.5 * h * (rate + 0.5 * step)
+                total += y + 0.5 * h * (rate + 0.5 * step)
                 y = y + h * (rate + 0.5 * step)
                 rate = rate + step
-                total += middle
-            state.u[joint] = total / pieces
+            return total / pieces
 
-        return law
+        return change_torque(self.own, follow)
 
 
 @dataclass(frozen=True)
@@ -86,37 +81,30 @@ class Delay(Effect):
     delay: float
     wander: float
 
-    cause: ClassVar[str] = "delay"
-    known: ClassVar[tuple[str, ...]] = ("fixed",)
-    foreign: ClassVar[tuple[str, ...]] = ("wandering",)
-    stage: ClassVar[int] = 3
-    widest: ClassVar[float] = 60.0
-    within: ClassVar[tuple[float, float]] = (-inf, 0.025)
+    cause = "delay"
+    known = ("fixed",)
+    foreign = ("wandering",)
+    stage = 3
+    widest = 60.0
+    within = (-inf, 0.025)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Delay:
-        return cls(
-            context.joint, form, 0.05 * context.share + 1e-4, 0.35 if form == "wandering" else 0.0
-        )
+    def draw(cls, rng: Generator, context: Context, form: str) -> Delay:
+        wander = 0.35 if form == "wandering" else 0.0
+        return cls(context.joint, form, 0.05 * context.share + 1e-4, wander)
 
     def drive(self, world: World) -> Law:
-        joint = self.own
-        delay = self.delay
-        wander = self.wander
-        dt = world.dt
-        past: deque[float] = deque(
-            [0.0] * (int(delay * (1.0 + wander) / dt) + 3),
-            maxlen=int(delay * (1 + wander) / dt) + 3,
-        )
+        length = int(self.delay * (1.0 + self.wander) / world.dt) + 3
+        past = deque([0.0] * length, maxlen=length)
 
-        def law(state: State) -> None:
-            past.appendleft(state.u[joint])
+        def follow(state: State, u: float) -> float:
+            past.appendleft(u)
             slow = (state.t * 0.37) % 2.0 - 1.0
-            steps = delay * (1.0 + wander * (2.0 * abs(slow) - 1.0)) / dt
+            steps = self.delay * (1.0 + self.wander * (2.0 * abs(slow) - 1.0)) / world.dt
             whole = int(steps)
-            state.u[joint] = past[whole] + (steps - whole) * (past[whole + 1] - past[whole])
+            return past[whole] + (steps - whole) * (past[whole + 1] - past[whole])
 
-        return law
+        return change_torque(self.own, follow)
 
 
 @dataclass(frozen=True)
@@ -125,32 +113,26 @@ class Saturation(Effect):
 
     limit: float
 
-    cause: ClassVar[str] = "saturation"
-    known: ClassVar[tuple[str, ...]] = ("hard",)
-    foreign: ClassVar[tuple[str, ...]] = ("smooth", "one-sided")
-    stage: ClassVar[int] = 2
+    cause = "saturation"
+    known = ("hard",)
+    foreign = ("smooth", "one-sided")
+    stage = 2
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Saturation:
+    def draw(cls, rng: Generator, context: Context, form: str) -> Saturation:
         return cls(context.joint, form, context.torque * (2.2 - 1.5 * sqrt(context.share)))
 
     def scaled(self, k: float) -> Saturation:
         return replace(self, limit=self.limit / k**0.3)
 
     def drive(self, world: World) -> Law:
-        joint = self.own
         limit = self.limit
-        shapes: dict[str, Callable[[float], float]] = {
-            "hard": lambda u: min(max(u, -limit), limit),
-            "smooth": lambda u: limit * tanh(u / limit),
-            "one-sided": lambda u: min(max(u, -2.0 * limit), limit),
+        shapes = {
+            "hard": lambda state, u: min(max(u, -limit), limit),
+            "smooth": lambda state, u: limit * tanh(u / limit),
+            "one-sided": lambda state, u: min(max(u, -2.0 * limit), limit),
         }
-        shape = shapes[self.form]
-
-        def law(state: State) -> None:
-            state.u[joint] = shape(state.u[joint])
-
-        return law
+        return change_torque(self.own, shapes[self.form])
 
 
 @dataclass(frozen=True)
@@ -159,33 +141,151 @@ class DeadZone(Effect):
 
     width: float
 
-    cause: ClassVar[str] = "dead-zone"
-    known: ClassVar[tuple[str, ...]] = ("gap",)
-    foreign: ClassVar[tuple[str, ...]] = ("threshold", "soft")
-    stage: ClassVar[int] = 1
+    cause = "dead-zone"
+    known = ("gap",)
+    foreign = ("threshold", "soft")
+    stage = 1
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> DeadZone:
-        return cls(
-            context.joint,
-            form,
-            1.2 * context.target if form == "gap" else context.torque * sqrt(context.share),
-        )
+    def draw(cls, rng: Generator, context: Context, form: str) -> DeadZone:
+        soft = context.torque * sqrt(context.share)
+        return cls(context.joint, form, 1.2 * context.target if form == "gap" else soft)
 
     def scaled(self, k: float) -> DeadZone:
         return replace(self, width=k * self.width if self.form == "gap" else k**0.6 * self.width)
 
     def drive(self, world: World) -> Law:
-        joint = self.own
         width = self.width
-        shapes: dict[str, Callable[[float], float]] = {
-            "gap": lambda u: copysign(max(abs(u) - width, 0.0), u),
-            "threshold": lambda u: u if abs(u) > width else 0.0,
-            "soft": lambda u: u * (1.0 - exp(-((u / width) ** 2))),
+        shapes = {
+            "gap": lambda state, u: copysign(max(abs(u) - width, 0.0), u),
+            "threshold": lambda state, u: u if abs(u) > width else 0.0,
+            "soft": lambda state, u: u * (1.0 - exp(-((u / width) ** 2))),
         }
-        shape = shapes[self.form]
+        return change_torque(self.own, shapes[self.form])
 
-        def law(state: State) -> None:
-            state.u[joint] = shape(state.u[joint])
 
-        return law
+@dataclass(frozen=True)
+class Cogging(Effect):
+    """amplitude · Σ w cos(kq + φ): one harmonic, several, a steep-flanked one, or one whose height changes with q.
+
+    `waves`: relative amplitude, harmonic of the mechanical angle and phase of each."""
+
+    amplitude: float
+    waves: tuple[tuple[float, int, float], ...]
+
+    cause = "cogging"
+    known = ("single", "several")
+    foreign = ("steep", "modulated")
+
+    @classmethod
+    def draw(cls, rng: Generator, context: Context, form: str) -> Cogging:
+        motor = context.rig.motors[context.joint]
+        whole = lcm(motor.slots, motor.poles)
+        harmonics = [rng.choice([whole, motor.slots, motor.poles, whole // 2])]
+        if form == "several":
+            others = [motor.slots, motor.poles, 2 * motor.slots, whole]
+            harmonics += [*rng.choice(others, 2, replace=False)]
+        weights = [1.0, *rng.uniform(0.2, 0.6, len(harmonics) - 1)]
+        pairs = zip(weights, harmonics, strict=True)
+        waves = tuple((float(w), int(k), rng.uniform(-pi, pi)) for w, k in pairs)
+        return cls(context.joint, form, 1.4 * context.target, waves)
+
+    def parameters(self) -> dict[str, float]:
+        return {"amplitude": self.amplitude, "harmonic": float(self.waves[0][1])}
+
+    def force(self, world: World) -> Law:
+        dof = world.dof[self.own]
+        a = self.amplitude
+        waves = self.waves
+        (_, k, phase) = waves[0]
+
+        def sum_waves(state: State) -> float:
+            q = state.q[dof]
+            return a * sum([w * cos(n * q + p) for w, n, p in waves])
+
+        def bend(state: State) -> float:
+            x = k * state.q[dof] + phase
+            return a * cos(x + 0.45 * sin(x))
+
+        def modulate(state: State) -> float:
+            q = state.q[dof]
+            return a * (1.0 + 0.5 * sin(1.37 * q + phase)) * cos(k * q + phase)
+
+        return oppose(dof, {"steep": bend, "modulated": modulate}.get(self.form, sum_waves))
+
+
+@dataclass(frozen=True)
+class TorqueRipple(Effect):
+    """u · (1 + depth · s(pq)): a harmonic of the electrical angle, two of them, or the trapezoid of six-step drive."""
+
+    depth: float
+    harmonic: int
+    phase: float
+
+    cause = "torque-ripple"
+    known = ("single", "two")
+    foreign = ("six-step",)
+    stage = 6
+    told = ("depth", "harmonic")
+
+    @classmethod
+    def draw(cls, rng: Generator, context: Context, form: str) -> TorqueRipple:
+        pairs = context.rig.motors[context.joint].poles // 2
+        order = 6 if form == "six-step" else int(rng.choice([1, 2, 6]))
+        return cls(context.joint, form, 1.4 * context.share, pairs * order, rng.uniform(-pi, pi))
+
+    def drive(self, world: World) -> Law:
+        dof = world.dof[self.own]
+        k = self.harmonic
+        phase = self.phase
+        wave = {
+            "single": cos,
+            "two": lambda x: 0.8 * cos(x) + 0.5 * cos(2.0 * x - phase),
+            "six-step": lambda x: 4.0 * abs((x / (2.0 * pi)) % 1.0 - 0.5) - 1.0,
+        }[self.form]
+        return change_torque(
+            self.own, lambda state, u: u * (1.0 + self.depth * wave(k * state.q[dof] + phase))
+        )
+
+
+@dataclass(frozen=True)
+class TorqueGain(Effect):
+    """u · (1 + g): the same both ways, or only in one direction of torque."""
+
+    gain: float
+    side: float
+
+    cause = "torque-gain"
+    known = ("constant",)
+    foreign = ("by-sign",)
+    stage = 5
+    within = (-0.6, inf)
+
+    @classmethod
+    def draw(cls, rng: Generator, context: Context, form: str) -> TorqueGain:
+        return cls(context.joint, form, draw_sign(rng) * context.share, context.lean)
+
+    def drive(self, world: World) -> Law:
+        gain = 1.0 + self.gain
+        both = self.form == "constant"
+        return change_torque(
+            self.own, lambda state, u: u * gain if both or self.side * u > 0.0 else u
+        )
+
+
+@dataclass(frozen=True)
+class TorqueBias(Effect):
+    """u + bias."""
+
+    bias: float
+
+    cause = "torque-bias"
+    known = ("constant",)
+    stage = 7
+
+    @classmethod
+    def draw(cls, rng: Generator, context: Context, form: str) -> TorqueBias:
+        return cls(context.joint, form, draw_sign(rng) * context.target)
+
+    def drive(self, world: World) -> Law:
+        return change_torque(self.own, lambda state, u: u + self.bias)

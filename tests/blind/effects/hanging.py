@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import pi
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.random import Generator
 
 from ..mjcf import Appendage, Hinge
 from ..rigs import Array, Inertia, Rig, point_mass
@@ -22,7 +23,7 @@ def _ball(mass: float, com: Array, radius: float) -> Inertia:
     return Inertia(mass, com, 0.4 * mass * radius**2 * np.eye(3))
 
 
-def direction(rng: np.random.Generator) -> Vector:
+def direction(rng: Generator) -> Vector:
     vector = rng.normal(size=3)
     return tuple((vector / np.linalg.norm(vector)).tolist())
 
@@ -38,8 +39,8 @@ class Hanging(Effect):
     mass: float
     place: Vector
 
-    stiff: ClassVar[bool] = True
-    in_band: ClassVar[bool] = True
+    stiff = True
+    in_band = True
 
     def _hangers(self, rig: Rig) -> tuple[Appendage, ...]:
         raise NotImplementedError
@@ -60,17 +61,15 @@ class Slosh(Hanging):
     length: float
     damping_ratio: float
 
-    cause: ClassVar[str] = "slosh"
-    foreign: ClassVar[tuple[str, ...]] = ("pendulum", "sprung-slides")
-    kin: ClassVar[tuple[str, ...]] = ("payload-shift",)
+    cause = "slosh"
+    foreign = ("pendulum", "sprung-slides")
+    kin = ("payload-shift",)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Slosh:
+    def draw(cls, rng: Generator, context: Context, form: str) -> Slosh:
         place = tuple((0.3 * edge_of(context.rig) * rng.uniform(-1.0, 1.0, 3)).tolist())
         mass = 0.5 * context.share * context.rig.payload.inertia.mass
-        return cls(
-            None, form, mass, place, float(rng.uniform(0.02, 0.08)), float(rng.uniform(0.03, 0.12))
-        )
+        return cls(None, form, mass, place, rng.uniform(0.02, 0.08), rng.uniform(0.03, 0.12))
 
     def _hangers(self, rig: Rig) -> tuple[Appendage, ...]:
         kind = "hinge" if self.form == "pendulum" else "slide"
@@ -103,16 +102,16 @@ class Rattle(Hanging):
     direction: Vector
     play: float
 
-    cause: ClassVar[str] = "loose-payload"
-    foreign: ClassVar[tuple[str, ...]] = ("slide", "hinge")
-    kin: ClassVar[tuple[str, ...]] = ("backlash", "payload-shift")
+    cause = "loose-payload"
+    foreign = ("slide", "hinge")
+    kin = ("backlash", "payload-shift")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Rattle:
+    def draw(cls, rng: Generator, context: Context, form: str) -> Rattle:
         edge = edge_of(context.rig)
         place = tuple((0.3 * edge * rng.uniform(-1.0, 1.0, 3)).tolist())
         mass = context.share * context.rig.payload.inertia.mass
-        play = float(rng.uniform(0.003, 0.015)) if form == "slide" else float(rng.uniform(0.1, 0.5))
+        play = rng.uniform(0.003, 0.015) if form == "slide" else rng.uniform(0.1, 0.5)
         return cls(None, form, mass, place, direction(rng), play)
 
     def _hangers(self, rig: Rig) -> tuple[Appendage, ...]:
@@ -149,17 +148,17 @@ class CableWhip(Hanging):
 
     length: float
 
-    cause: ClassVar[str] = "cable-whip"
-    foreign: ClassVar[tuple[str, ...]] = ("pendulum",)
-    kin: ClassVar[tuple[str, ...]] = ("cable-spring",)
+    cause = "cable-whip"
+    foreign = ("pendulum",)
+    kin = ("cable-spring",)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> CableWhip:
+    def draw(cls, rng: Generator, context: Context, form: str) -> CableWhip:
         edge = edge_of(context.rig)
         angle = rng.uniform(-pi, pi)
         place = (0.8 * edge * float(np.cos(angle)), 0.8 * edge * float(np.sin(angle)), -0.3 * edge)
         mass = 0.3 * context.share * context.rig.payload.inertia.mass
-        return cls(None, form, mass, place, float(rng.uniform(0.08, 0.3)))
+        return cls(None, form, mass, place, rng.uniform(0.08, 0.3))
 
     def _hangers(self, rig: Rig) -> tuple[Appendage, ...]:
         hinges = tuple(Hinge(f"whip_{i}", "hinge", np.eye(3)[i]) for i in range(2))
@@ -188,14 +187,14 @@ class MountResonance(Hanging):
     hertz: float
     damping_ratio: float
 
-    cause: ClassVar[str] = "mount-resonance"
-    foreign: ClassVar[tuple[str, ...]] = ("turning", "shifting")
-    kin: ClassVar[tuple[str, ...]] = ("joint-flexibility",)
-    widest: ClassVar[float] = 100.0
-    told: ClassVar[tuple[str, ...]] = ("mass", "hertz")
+    cause = "mount-resonance"
+    foreign = ("turning", "shifting")
+    kin = ("joint-flexibility",)
+    widest = 100.0
+    told = ("mass", "hertz")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> MountResonance:
+    def draw(cls, rng: Generator, context: Context, form: str) -> MountResonance:
         edge = edge_of(context.rig)
         place = tuple((0.5 * edge * rng.uniform(-1.0, 1.0, 3)).tolist())
         mass = context.rig.payload.inertia.mass * min(3.0 * context.share + 0.03, 0.5)
@@ -205,8 +204,8 @@ class MountResonance(Hanging):
             mass,
             place,
             direction(rng),
-            float(rng.uniform(12.0, 35.0)),
-            float(rng.uniform(0.02, 0.08)),
+            rng.uniform(12.0, 35.0),
+            rng.uniform(0.02, 0.08),
         )
 
     def scaled(self, k: float) -> MountResonance:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import cos, inf, pi, sqrt
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.random import Generator
 
 from .base import Context, Effect, Law
 
@@ -21,14 +22,14 @@ class VoltageLimit(Effect):
     no_load_speed: float
     stall: float
 
-    cause: ClassVar[str] = "voltage-limit"
-    foreign: ClassVar[tuple[str, ...]] = ("hard", "sagging-supply")
-    kin: ClassVar[tuple[str, ...]] = ("saturation",)
-    stage: ClassVar[int] = 2
-    told: ClassVar[tuple[str, ...]] = ("no_load_speed", "stall")
+    cause = "voltage-limit"
+    foreign = ("hard", "sagging-supply")
+    kin = ("saturation",)
+    stage = 2
+    told = ("no_load_speed", "stall")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> VoltageLimit:
+    def draw(cls, rng: Generator, context: Context, form: str) -> VoltageLimit:
         return cls(
             context.joint,
             form,
@@ -68,15 +69,15 @@ class HotMotor(Effect):
     time_constant: float
     reference_power: float
 
-    cause: ClassVar[str] = "hot-motor"
-    foreign: ClassVar[tuple[str, ...]] = ("linear", "root")
-    kin: ClassVar[tuple[str, ...]] = ("torque-gain",)
-    stage: ClassVar[int] = 5
-    within: ClassVar[tuple[float, float]] = (-inf, 0.6)
-    told: ClassVar[tuple[str, ...]] = ("loss", "time_constant")
+    cause = "hot-motor"
+    foreign = ("linear", "root")
+    kin = ("torque-gain",)
+    stage = 5
+    within = (-inf, 0.6)
+    told = ("loss", "time_constant")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> HotMotor:
+    def draw(cls, rng: Generator, context: Context, form: str) -> HotMotor:
         return cls(
             context.joint,
             form,
@@ -108,15 +109,15 @@ class CrossTalk(Effect):
     other: int
     harmonic: int
 
-    cause: ClassVar[str] = "cross-axis-coupling"
-    foreign: ClassVar[tuple[str, ...]] = ("angle-dependent", "rectified")
-    kin: ClassVar[tuple[str, ...]] = ("torque-ripple",)
-    stage: ClassVar[int] = 8
-    needs_axes: ClassVar[int] = 2
-    told: ClassVar[tuple[str, ...]] = ("leak", "harmonic")
+    cause = "cross-axis-coupling"
+    foreign = ("angle-dependent", "rectified")
+    kin = ("torque-ripple",)
+    stage = 8
+    needs_axes = 2
+    told = ("leak", "harmonic")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> CrossTalk:
+    def draw(cls, rng: Generator, context: Context, form: str) -> CrossTalk:
         others = [i for i in range(len(context.rig.links)) if i != context.joint]
         return cls(
             context.joint,
@@ -147,13 +148,13 @@ class TorqueSteps(Effect):
 
     step: float
 
-    cause: ClassVar[str] = "torque-steps"
-    foreign: ClassVar[tuple[str, ...]] = ("rounded", "hysteresis")
-    kin: ClassVar[tuple[str, ...]] = ("dead-zone",)
-    stage: ClassVar[int] = 1
+    cause = "torque-steps"
+    foreign = ("rounded", "hysteresis")
+    kin = ("dead-zone",)
+    stage = 1
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueSteps:
+    def draw(cls, rng: Generator, context: Context, form: str) -> TorqueSteps:
         return cls(context.joint, form, 3.4 * context.target)
 
     def drive(self, world: World) -> Law:
@@ -180,15 +181,15 @@ class Dropouts(Effect):
     per_second: float
     seed: int
 
-    cause: ClassVar[str] = "dropouts"
-    foreign: ClassVar[tuple[str, ...]] = ("dips", "stutter")
-    kin: ClassVar[tuple[str, ...]] = ("outliers",)
-    stage: ClassVar[int] = 2
-    within: ClassVar[tuple[float, float]] = (-inf, 1.0)
-    told: ClassVar[tuple[str, ...]] = ("loss", "per_second")
+    cause = "dropouts"
+    foreign = ("dips", "stutter")
+    kin = ("outliers",)
+    stage = 2
+    within = (-inf, 1.0)
+    told = ("loss", "per_second")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Dropouts:
+    def draw(cls, rng: Generator, context: Context, form: str) -> Dropouts:
         per_second = (1.0 if form == "dips" else 8.0) * max(0.5, 60.0 * context.share**2)
         return cls(
             context.joint, form, min(8.0 * context.share, 1.0), per_second, int(rng.integers(2**31))
@@ -224,16 +225,16 @@ class SupplyHum(Effect):
     depth: float
     hertz: float
 
-    cause: ClassVar[str] = "supply-hum"
-    foreign: ClassVar[tuple[str, ...]] = ("multiplied", "added")
-    kin: ClassVar[tuple[str, ...]] = ("torque-ripple",)
-    stage: ClassVar[int] = 8
-    told: ClassVar[tuple[str, ...]] = ("depth", "hertz")
+    cause = "supply-hum"
+    foreign = ("multiplied", "added")
+    kin = ("torque-ripple",)
+    stage = 8
+    told = ("depth", "hertz")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> SupplyHum:
+    def draw(cls, rng: Generator, context: Context, form: str) -> SupplyHum:
         depth = 1.4 * (context.share if form == "multiplied" else context.target)
-        return cls(context.joint, form, depth, float(rng.uniform(3.0, 15.0)))
+        return cls(context.joint, form, depth, rng.uniform(3.0, 15.0))
 
     def drive(self, world: World) -> Law:
         joint = self.own

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import pi
 from operator import mul
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.random import Generator
 
 from ..mjcf import Base
 from .base import Context, Effect, Law
@@ -25,17 +26,17 @@ class SoftBase(Effect):
     hertz: float
     damping_ratio: float
 
-    cause: ClassVar[str] = "soft-base"
-    foreign: ClassVar[tuple[str, ...]] = ("six-ways", "turning")
-    kin: ClassVar[tuple[str, ...]] = ("joint-flexibility", "base-tilt")
-    stiff: ClassVar[bool] = True
-    in_band: ClassVar[bool] = True
-    base: ClassVar[Base] = Base.SPRUNG
-    widest: ClassVar[float] = 200.0
+    cause = "soft-base"
+    foreign = ("six-ways", "turning")
+    kin = ("joint-flexibility", "base-tilt")
+    stiff = True
+    in_band = True
+    base = Base.SPRUNG
+    widest = 200.0
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> SoftBase:
-        return cls(None, form, 1.0, float(rng.uniform(6.0, 14.0)), float(rng.uniform(0.05, 0.3)))
+    def draw(cls, rng: Generator, context: Context, form: str) -> SoftBase:
+        return cls(None, form, 1.0, rng.uniform(6.0, 14.0), rng.uniform(0.05, 0.3))
 
     def scaled(self, k: float) -> SoftBase:
         return replace(self, compliance=float(np.clip(k, 0.02, 8.0)))
@@ -70,12 +71,12 @@ class Flywheel(Effect):
     momentum: float
     direction: Vector
 
-    cause: ClassVar[str] = "flywheel"
-    foreign: ClassVar[tuple[str, ...]] = ("steady", "spinning-up")
-    needs_axes: ClassVar[int] = 2
+    cause = "flywheel"
+    foreign = ("steady", "spinning-up")
+    needs_axes = 2
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Flywheel:
+    def draw(cls, rng: Generator, context: Context, form: str) -> Flywheel:
         return cls(None, form, context.target / context.speed, direction(rng))
 
     def force(self, world: World) -> Law:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import copysign, cos, exp, pi
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.random import Generator
 
 from .base import Context, Effect, Law
 
@@ -25,17 +26,17 @@ class Wind(Effect):
     hertz: float
     seed: int
 
-    cause: ClassVar[str] = "wind"
-    foreign: ClassVar[tuple[str, ...]] = ("steady", "squalls")
-    told: ClassVar[tuple[str, ...]] = ("strength", "hertz")
+    cause = "wind"
+    foreign = ("steady", "squalls")
+    told = ("strength", "hertz")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Wind:
+    def draw(cls, rng: Generator, context: Context, form: str) -> Wind:
         return cls(
             context.joint,
             form,
             context.target,
-            float(rng.uniform(0.3, 4.0)),
+            rng.uniform(0.3, 4.0),
             int(rng.integers(2**31)),
         )
 
@@ -73,12 +74,12 @@ class Touch(Effect):
     push: float
     seed: int
 
-    cause: ClassVar[str] = "human-touch"
-    foreign: ClassVar[tuple[str, ...]] = ("pushes",)
-    kin: ClassVar[tuple[str, ...]] = ("outliers",)
+    cause = "human-touch"
+    foreign = ("pushes",)
+    kin = ("outliers",)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Touch:
+    def draw(cls, rng: Generator, context: Context, form: str) -> Touch:
         return cls(context.joint, form, 5.0 * context.target, int(rng.integers(2**31)))
 
     def force(self, world: World) -> Law:
@@ -108,18 +109,18 @@ class BoucWen(Effect):
     stroke: float
     beta: float
 
-    cause: ClassVar[str] = "hysteretic-cable"
-    foreign: ClassVar[tuple[str, ...]] = ("round", "pinched")
-    kin: ClassVar[tuple[str, ...]] = ("presliding", "cable-spring")
-    told: ClassVar[tuple[str, ...]] = ("size", "stroke")
+    cause = "hysteretic-cable"
+    foreign = ("round", "pinched")
+    kin = ("presliding", "cable-spring")
+    told = ("size", "stroke")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> BoucWen:
+    def draw(cls, rng: Generator, context: Context, form: str) -> BoucWen:
         return cls(
             context.joint,
             form,
             1.5 * context.target,
-            float(rng.uniform(0.1, 0.5)) * context.width,
+            rng.uniform(0.1, 0.5) * context.width,
             0.6,
         )
 
@@ -148,12 +149,12 @@ class FrictionSpots(Effect):
     height: float
     spots: tuple[tuple[float, float, float], ...]
 
-    cause: ClassVar[str] = "friction-spots"
-    foreign: ClassVar[tuple[str, ...]] = ("bumps",)
-    kin: ClassVar[tuple[str, ...]] = ("position-dependent-friction",)
+    cause = "friction-spots"
+    foreign = ("bumps",)
+    kin = ("position-dependent-friction",)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> FrictionSpots:
+    def draw(cls, rng: Generator, context: Context, form: str) -> FrictionSpots:
         low, high = context.span
         places = rng.uniform(low, high, 5)
         widths = rng.uniform(0.01, 0.05, 5) * (high - low)
@@ -188,13 +189,13 @@ class RubbingStop(Effect):
     edge: float
     width: float
 
-    cause: ClassVar[str] = "rubbing-stop"
-    foreign: ClassVar[tuple[str, ...]] = ("soft", "hard")
-    kin: ClassVar[tuple[str, ...]] = ("cable-spring", "position-dependent-friction")
-    told: ClassVar[tuple[str, ...]] = ("push", "edge")
+    cause = "rubbing-stop"
+    foreign = ("soft", "hard")
+    kin = ("cable-spring", "position-dependent-friction")
+    told = ("push", "edge")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> RubbingStop:
+    def draw(cls, rng: Generator, context: Context, form: str) -> RubbingStop:
         low, high = context.span
         return cls(
             context.joint,
@@ -241,14 +242,14 @@ class StickyBrake(Effect):
     drag: float
     period: float
 
-    cause: ClassVar[str] = "dragging-brake"
-    foreign: ClassVar[tuple[str, ...]] = ("on-off", "swelling")
-    kin: ClassVar[tuple[str, ...]] = ("friction-drift",)
-    told: ClassVar[tuple[str, ...]] = ("drag", "period")
+    cause = "dragging-brake"
+    foreign = ("on-off", "swelling")
+    kin = ("friction-drift",)
+    told = ("drag", "period")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> StickyBrake:
-        return cls(context.joint, form, 1.5 * context.target, float(rng.uniform(2.0, 7.0)))
+    def draw(cls, rng: Generator, context: Context, form: str) -> StickyBrake:
+        return cls(context.joint, form, 1.5 * context.target, rng.uniform(2.0, 7.0))
 
     def grip(self, world: World) -> Law:
         joint = self.own

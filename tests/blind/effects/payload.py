@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf
-from typing import ClassVar
 
 import numpy as np
+from numpy.random import Generator
 
+from ..draws import draw_sign
 from ..rigs import Inertia, Link, Rig
 from .base import Context, Effect
 
@@ -19,11 +20,11 @@ class PayloadShift(Effect):
 
     shift: tuple[float, float, float]
 
-    cause: ClassVar[str] = "payload-shift"
-    known: ClassVar[tuple[str, ...]] = ("rigid",)
+    cause = "payload-shift"
+    known = ("rigid",)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> PayloadShift:
+    def draw(cls, rng: Generator, context: Context, form: str) -> PayloadShift:
         direction = rng.normal(size=3)
         size = context.target / (9.81 * context.rig.payload.inertia.mass)
         return cls(None, form, tuple(size * direction / np.linalg.norm(direction)))
@@ -47,15 +48,15 @@ class PayloadMass(Effect):
     share: float
     place: tuple[float, float, float]
 
-    cause: ClassVar[str] = "payload-mass"
-    known: ClassVar[tuple[str, ...]] = ("uniform",)
-    foreign: ClassVar[tuple[str, ...]] = ("bolted-on",)
-    within: ClassVar[tuple[float, float]] = (-0.8, inf)
+    cause = "payload-mass"
+    known = ("uniform",)
+    foreign = ("bolted-on",)
+    within = (-0.8, inf)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> PayloadMass:
+    def draw(cls, rng: Generator, context: Context, form: str) -> PayloadMass:
         mass = context.rig.payload.inertia.mass
-        sign = 1.0 if form == "bolted-on" else float(rng.choice([-1.0, 1.0]))
+        sign = 1.0 if form == "bolted-on" else draw_sign(rng)
         edge = (mass / 700.0) ** (1.0 / 3.0)
         return cls(None, form, sign * context.share, tuple(0.15 * edge * rng.uniform(-1.0, 1.0, 3)))
 
@@ -74,13 +75,13 @@ class OffDiagonalInertia(Effect):
     strength: float
     products: tuple[tuple[float, float, float], ...]
 
-    cause: ClassVar[str] = "off-diagonal-inertia"
-    known: ClassVar[tuple[str, ...]] = ("products",)
-    needs_axes: ClassVar[int] = 2
-    within: ClassVar[tuple[float, float]] = (-inf, 0.9)
+    cause = "off-diagonal-inertia"
+    known = ("products",)
+    needs_axes = 2
+    within = (-inf, 0.9)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> OffDiagonalInertia:
+    def draw(cls, rng: Generator, context: Context, form: str) -> OffDiagonalInertia:
         shape = (len(context.rig.links) + 1, 3)
         return cls(
             None,

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.random import Generator
 
+from ..draws import draw_sign
 from ..mjcf import DRIVEN, Base
 from ..motion import BaseMotion, handheld, profile_s
 from ..rigs import Array, rotation_about
@@ -26,19 +28,19 @@ class EncoderOffset(Effect):
     eccentricity: float
     phase: float
 
-    cause: ClassVar[str] = "encoder-offset"
-    known: ClassVar[tuple[str, ...]] = ("constant",)
-    foreign: ClassVar[tuple[str, ...]] = ("eccentric",)
+    cause = "encoder-offset"
+    known = ("constant",)
+    foreign = ("eccentric",)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> EncoderOffset:
-        offset = float(rng.choice([-1.0, 1.0])) * context.share
+    def draw(cls, rng: Generator, context: Context, form: str) -> EncoderOffset:
+        offset = draw_sign(rng) * context.share
         return cls(
             context.joint,
             form,
             offset,
             0.3 * offset if form == "eccentric" else 0.0,
-            float(rng.uniform(-3.0, 3.0)),
+            rng.uniform(-3.0, 3.0),
         )
 
     def scaled(self, k: float) -> EncoderOffset:
@@ -57,15 +59,15 @@ class BaseTilt(Effect):
     angle: float
     heading: float
 
-    cause: ClassVar[str] = "base-tilt"
-    known: ClassVar[tuple[str, ...]] = ("static",)
-    foreign: ClassVar[tuple[str, ...]] = ("sinking",)
-    within: ClassVar[tuple[float, float]] = (-inf, 1.0)
-    told: ClassVar[tuple[str, ...]] = ("angle", "heading")
+    cause = "base-tilt"
+    known = ("static",)
+    foreign = ("sinking",)
+    within = (-inf, 1.0)
+    told = ("angle", "heading")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> BaseTilt:
-        return cls(None, form, 2.0 * context.share, float(rng.uniform(-np.pi, np.pi)))
+    def draw(cls, rng: Generator, context: Context, form: str) -> BaseTilt:
+        return cls(None, form, 2.0 * context.share, rng.uniform(-np.pi, np.pi))
 
     def _gravity(self, share: float) -> Array:
         axis = np.array([np.cos(self.heading), np.sin(self.heading), 0.0])
@@ -94,13 +96,13 @@ class PlatformMotion(Effect):
     size: float
     seed: int
 
-    cause: ClassVar[str] = "platform-motion"
-    known: ClassVar[tuple[str, ...]] = ("sines", "handheld")
-    base: ClassVar[Base] = Base.DRIVEN
-    within: ClassVar[tuple[float, float]] = (-inf, 3.0)
+    cause = "platform-motion"
+    known = ("sines", "handheld")
+    base = Base.DRIVEN
+    within = (-inf, 3.0)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> PlatformMotion:
+    def draw(cls, rng: Generator, context: Context, form: str) -> PlatformMotion:
         return cls(None, form, context.share, int(rng.integers(2**31)))
 
     def motion(self) -> BaseMotion:
@@ -129,7 +131,7 @@ class PlatformMotion(Effect):
 class UnmeasuredMotion(PlatformMotion):
     """The same moving base, and nobody measured it."""
 
-    cause: ClassVar[str] = "unmeasured-platform-motion"
-    foreign: ClassVar[tuple[str, ...]] = ("sines", "handheld")
-    kin: ClassVar[tuple[str, ...]] = ("platform-motion",)
-    measured: ClassVar[bool] = False
+    cause = "unmeasured-platform-motion"
+    foreign = ("sines", "handheld")
+    kin = ("platform-motion",)
+    measured = False

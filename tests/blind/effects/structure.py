@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import pi, sinh
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.random import Generator
 
 from ..mjcf import Appendage, Hinge
 from ..rigs import Inertia, Rig
@@ -26,12 +27,12 @@ class CableSpring(Effect):
     rest: float
     width: float
 
-    cause: ClassVar[str] = "cable-spring"
-    known: ClassVar[tuple[str, ...]] = ("linear", "cubic")
-    foreign: ClassVar[tuple[str, ...]] = ("exponential", "slack")
+    cause = "cable-spring"
+    known = ("linear", "cubic")
+    foreign = ("exponential", "slack")
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> CableSpring:
+    def draw(cls, rng: Generator, context: Context, form: str) -> CableSpring:
         width = context.width
         stiffness = 2.0 * context.target / context.width
         cubic = 2.0 * context.target / width**3 if form == "cubic" else 0.0
@@ -80,8 +81,8 @@ class TwoMasses(Effect):
     rotor: float
     link: float
 
-    stiff: ClassVar[bool] = True
-    in_band: ClassVar[bool] = True
+    stiff = True
+    in_band = True
 
     def _rotor_name(self) -> str:
         return f"rotor_{self.own}"
@@ -129,17 +130,15 @@ class JointFlexibility(TwoMasses):
     stiffness: float
     damping_ratio: float
 
-    cause: ClassVar[str] = "joint-flexibility"
-    known: ClassVar[tuple[str, ...]] = ("linear",)
-    foreign: ClassVar[tuple[str, ...]] = ("hardening",)
-    widest: ClassVar[float] = 300.0
+    cause = "joint-flexibility"
+    known = ("linear",)
+    foreign = ("hardening",)
+    widest = 300.0
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> JointFlexibility:
-        rotor = context.inertia * float(rng.uniform(0.1, 0.5))
-        effect = cls(
-            context.joint, form, rotor, context.inertia, 1.0, float(rng.uniform(0.02, 0.1))
-        )
+    def draw(cls, rng: Generator, context: Context, form: str) -> JointFlexibility:
+        rotor = context.inertia * rng.uniform(0.1, 0.5)
+        effect = cls(context.joint, form, rotor, context.inertia, 1.0, rng.uniform(0.02, 0.1))
         omega = 2.0 * pi * float(np.clip(9.0 / np.sqrt(context.share), 6.0, 150.0))
         return replace(effect, stiffness=effect.reduced * omega**2)
 
@@ -168,14 +167,14 @@ class Backlash(TwoMasses):
 
     gap: float
 
-    cause: ClassVar[str] = "backlash"
-    known: ClassVar[tuple[str, ...]] = ("linear-flanks",)
-    foreign: ClassVar[tuple[str, ...]] = ("hertz-flanks",)
-    widest: ClassVar[float] = 300.0
+    cause = "backlash"
+    known = ("linear-flanks",)
+    foreign = ("hertz-flanks",)
+    widest = 300.0
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Backlash:
-        rotor = context.inertia * float(rng.uniform(0.15, 0.5))
+    def draw(cls, rng: Generator, context: Context, form: str) -> Backlash:
+        rotor = context.inertia * rng.uniform(0.15, 0.5)
         return cls(
             context.joint,
             form,
@@ -213,12 +212,12 @@ class Armature(Effect):
 
     inertia: float
 
-    cause: ClassVar[str] = "armature"
-    known: ClassVar[tuple[str, ...]] = ("reflected",)
-    needs_axes: ClassVar[int] = 2
+    cause = "armature"
+    known = ("reflected",)
+    needs_axes = 2
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Armature:
+    def draw(cls, rng: Generator, context: Context, form: str) -> Armature:
         return cls(context.joint, form, context.inertia * context.share)
 
     def plant(self, rig: Rig) -> Rig:
