@@ -83,16 +83,24 @@ class Visit:
                     "uploadThroughput": -1,
                 }
                 await tab.send_command("Network.emulateNetworkConditions", cut)
-            loaded = session.subscribe_once("Page.loadEventFired")
-            await tab.send_command("Page.navigate", {"url": url})
-            await asyncio.wait_for(loaded, 240)
-            while await browser.evaluate(tab, INFLATING):
-                await asyncio.sleep(0.1)
-            for step in steps:
+            for step in (go(url), *steps):
                 if isinstance(step, str):
                     self.values.append(await browser.evaluate(tab, step))
                 else:
                     await step(tab)
+
+
+def go(url: str) -> Step:
+    """Open an address, and wait until the pages in its page are there."""
+
+    async def done(tab: Any) -> None:
+        loaded = tab.get_session().subscribe_once("Page.loadEventFired")
+        await tab.send_command("Page.navigate", {"url": url})
+        await asyncio.wait_for(loaded, 240)
+        while await browser.evaluate(tab, INFLATING):
+            await asyncio.sleep(0.1)
+
+    return done
 
 
 def embedded(frame: Any) -> str:
@@ -173,6 +181,19 @@ OPEN = "document.querySelectorAll('details').forEach(one => { one.open = true; }
 
 WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 """By how much the page is wider than its window, pixels."""
+
+
+def until(condition: str, seconds: float = 180.0) -> Step:
+    """Wait until a script's value is true."""
+
+    async def waited(tab: Any) -> None:
+        for _ in range(round(seconds / 0.1)):
+            if await browser.evaluate(tab, condition):
+                return
+            await asyncio.sleep(0.1)
+        raise AssertionError(f"never: {condition}")
+
+    return waited
 
 
 def pause(seconds: float) -> Step:

@@ -36,7 +36,7 @@ from gimbal_pin.report.view.motion import poses
 from gimbal_pin.report.view.scene import onboard
 from gimbal_pin.rig import Rig
 from tests.browsing import OPEN, audit, media, needs_browser, pause, visit, wide
-from tests.report.test_report import parsed
+from tests.report.test_elements import parsed
 from tests.rigs import bundled
 
 PUSHED = "there a joint goes where it is pushed: jitter and ratios say little of the controllers"

@@ -1,0 +1,426 @@
+"""Pages of records: every number of the record is there, in its unit and row, and no name is more than text.
+
+Of each kind of record, of a rig whose joints turn and of one that slides and whose names are hostile:
+
+- each number of ``to_dict()`` that its page is about stands in the row of its joint or parameter, scaled and rounded;
+- the table, the notebook and the page hold what the dictionary and the terminal hold;
+- no name ends an element, an attribute or a script; no folder of a log is told;
+- showing a record does not change it;
+- no quantity of a joint that slides has a unit of one that turns.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import lxml.html
+import numpy as np
+import pytest
+
+from gimbal_pin import GimbalPinError
+from gimbal_pin.effects import CAUSES
+from gimbal_pin.errors import NORMAL_95
+from gimbal_pin.identification import identify
+from gimbal_pin.identification.model_file import read_model
+from gimbal_pin.log import to_json
+from gimbal_pin.report import (
+    describe_outcome,
+    describe_record,
+    evaluate,
+    figures,
+    summary,
+    verdict,
+)
+from gimbal_pin.report.format import interval, percent
+from gimbal_pin.report.sections.diagnosis import find_worst_stretch
+from gimbal_pin.rig import to_sliding
+from tests.browsing import embedded
+from tests.report.records import (
+    EVIL,
+    RECORDS,
+    RIGS,
+    SLIDING,
+    clean_log,
+    diagnosed,
+    identified,
+    log_of,
+    page_of,
+    record_of,
+    tuned,
+    whole,
+)
+
+SCALES = {
+    ("turret", "place"): 180 / np.pi,
+    ("slider", "place"): 1e3,
+    ("turret", "force"): 1e3,
+    ("slider", "force"): 1.0,
+}
+"""What a position in rad or m, and a small torque in N m or force in N, is multiplied by where it is shown."""
+
+MODEL = [
+    ("base_parameters/*", 1, "interval"),
+    ("base_parameters/*/urdf", 1, 4),
+    ("held_out/torque_rmse/*", "force", 3),
+    ("train/torque_rmse/*", "force", 3),
+    ("held_out/fit_percent/*", 1, "percent"),
+    ("held_out/used/*", 100, ".0f"),
+]
+BODIES = [
+    ("bodies/*/mass", 1, "interval"),
+    ("bodies/*/com/*", 1e3, "interval"),
+    ("bodies/*/inertia/*", 1, "interval"),
+]
+MARGINS = [
+    ("*/*/crossover_hz", 1, 3),
+    ("*/*/phase_margin_deg", 1, 3),
+    ("*/*/gain_margin_db", 1, 3),
+    ("*/*/disk_margin", 1, 3),
+    ("*/*/delay_margin", 1e3, 3),
+]
+SHOWN: dict[str, list[tuple[str, float | str, int | str]]] = {
+    "Identified": [*MODEL, *BODIES],
+    "Identified without its logs": [*MODEL, *BODIES],
+    "Several": MODEL[:2],
+    "Diagnosis": [
+        ("findings/*/parameters/*", 1, "interval"),
+        ("findings/*/probability", 100, 2),
+        ("findings/*/rivals/*/delta", 1, 3),
+        ("findings/*/rivals/*/z", 1, ".1f"),
+        ("detection_limit/*", "force", 2),
+        ("extended/torque_rmse/*", "force", 2),
+        ("stated/fit_percent/*", 1, "left"),
+        ("rubbing/fit_percent/*", 1, "left"),
+        ("baseline/fit_percent/*", 1, "left"),
+        ("extended/fit_percent/*", 1, "left"),
+        ("baseline/rollout_rmse/*", "place", 2),
+        ("extended/rollout_rmse/*", "place", 2),
+    ],
+    "Tuning": [
+        *MARGINS,
+        ("joints/*/bandwidth_hz", 1, 3),
+        ("joints/*/k[pid]", 1, 3),
+        ("joints/*/worst_of_draws/disk_margin", 1, 3),
+        ("joints/*/drive/*/*", 1, 3),
+    ],
+    "Judgement": [("errors/*/*/*", "place", 3), ("ratios/*/*/*", 1, 2)],
+    "Tracking": [("steps/*", "place", 3)],
+    "Excitation": [("limits_used/*/*", 100, ".0f"), ("condition_number", 1, ".1f")],
+    "ExpectedEstimate": [
+        ("parameters/*/value", 1, 3),
+        ("parameters/*/std", NORMAL_95, 3),
+        ("lag_std/*", 1e3 * NORMAL_95, 2),
+    ],
+    "Rehearsal": [
+        ("causes/*/seen_from/value", 1, 3),
+        ("causes/*/seen_from/share_of_torque", 100, 2),
+        ("causes/*/named_from/value", 1, 3),
+    ],
+    "Base": [("parameters", 1, ".0f"), ("identifiable", 1, ".0f")],
+    "Checked": [
+        ("joints/*/lower", "place", 3),
+        ("joints/*/upper", "place", 3),
+        ("joints/*/velocity", "place", 3),
+        ("joints/*/tau_max", 1, 3),
+    ],
+    "Model": [("terms/*/values/*", 1, 3)],
+    "Verified": [
+        *((f"*/{path}", scale, count) for path, scale, count in MARGINS),
+        ("pointing/*/jitter_*_deg", 1, 2),
+        ("pointing/*/torque_rms/*", 1, 3),
+    ],
+    "MonteCarlo": [
+        ("figures/rms_error*/*", "place", 3),
+        ("figures/settling_time*/*", 1, 3),
+        ("sensitivity/*/rank_correlation", 1, 3),
+    ],
+    "Fleet": [("population/*", 1, "interval")],
+    "Inspected": [("streams/*/channels/*/low", 1, 4), ("streams/*/samples", 1, ".0f")],
+}
+"""Kind of record → path in its dictionary, what the number there is multiplied by, and how it is then written."""
+STEPS = {"identify": "Identified", "diagnose": "Diagnosis", "tune": "Tuning", "track": "Tracking"}
+SHOWN["Auto"] = [
+    (f"{step}/{path}", *rest) for step, of in STEPS.items() for path, *rest in SHOWN[of]
+]
+
+PAGE_WIDE = {"steps", "pointing_loops", "probability", "population"}
+"""Of these the page shows the numbers elsewhere than in a row of that name."""
+
+
+def normalised(text: str) -> str:
+    """Return a text with plain signs and single spaces."""
+    return " ".join(text.replace("−", "-").replace("·", "*").split())
+
+
+def tokens(text: str) -> set[str]:
+    """Return the numbers of a text, as they are written."""
+    return {*re.findall(r"-?\d+(?:\.\d+)?(?:\*10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", normalised(text))}
+
+
+def key(name: object) -> str:
+    """Return what the name of a row or of an entry is compared by."""
+    return normalised(str(name)).replace("-", " ").lower()
+
+
+def walk(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield each path of a tree and what stands there; an item of a list goes by its name."""
+    yield path, value
+    if isinstance(value, (list, tuple)):
+        places = [
+            one.get("name", one.get("controller", k)) if isinstance(one, dict) else k
+            for k, one in enumerate(value)
+        ]
+        value = dict(zip(places, value))
+    for place, one in value.items() if isinstance(value, dict) else ():
+        yield from walk(one, (*path, str(place)))
+
+
+def write(x: Any, scale: float, how: int | str) -> set[str]:
+    """Return how a number is written; of one that is not known, or is not shown, nothing."""
+    if isinstance(x, Mapping):
+        std = x.get("std", x.get("mean_std"))
+        if std is None or not x.get("shown", True) or not x.get("is_known", True):
+            return set()
+        value = x.get("value", x.get("mean"))
+        return tokens(" ".join(interval(scale * value, NORMAL_95 * scale * std)))
+    if x is None or x == 0 or (how == "left" and x < -900):
+        return set()
+    if how == "percent":
+        return tokens(percent(x))
+    if how == "left":
+        return {figures(100 - x, 2)}
+    return tokens(figures(scale * x, how) if isinstance(how, int) else format(scale * x, how))
+
+
+def words_of(tree: Any) -> str:
+    """Return what is read of a page, with spaces between cells."""
+    return " ".join(" ".join(tree.xpath(".//text()[not(parent::script or parent::style)]")).split())
+
+
+def read_rows(page: str) -> dict[str, set[str]]:
+    """Return name of a row or column → the numbers of all of that name; under no name all numbers."""
+    body = lxml.html.fromstring(page).find("body")
+    rows = defaultdict(set, {"": tokens(words_of(body))})
+    for table in body.iter("table"):
+        heads = [key(cell.text_content()) for cell in table.xpath(".//thead//th")]
+        for row in table.xpath(".//tbody/tr"):
+            cells = [tokens(words_of(cell)) for cell in row]
+            rows[key(row[0].text_content())].update(*cells[1:])
+            for head, numbers in zip(heads, cells):
+                rows[head] |= numbers
+    return rows
+
+
+@pytest.mark.parametrize(("name", "kind"), [one for one in RECORDS if one[1] in SHOWN])
+def test_every_number_of_a_record_stands_in_its_row(name: str, kind: str) -> None:
+    rows = read_rows(page_of(name, kind))
+    checked = 0
+    for path, found in walk(record_of(name, kind).to_dict()):
+        named = [key(part) for part in path if not (part.isdigit() or PAGE_WIDE & {*path})]
+        row = next((part for part in named if part in rows), "")
+        for pattern, scale, how in SHOWN[kind]:
+            parts = pattern.split("/")
+            if len(parts) == len(path) and all(map(fnmatchcase, path, parts)):
+                wanted = write(found, SCALES.get((name, scale), scale), how)
+                assert wanted <= rows[row], path
+                checked += len(wanted)
+    assert checked
+
+
+@pytest.mark.parametrize(("name", "kind"), RECORDS)
+def test_page_and_notebook_hold_the_numbers_of_the_terminal(name: str, kind: str) -> None:
+    said = tokens(str(describe_record(record_of(name, kind)).to_text()))
+    notebook = lxml.html.fromstring(record_of(name, kind)._repr_html_())
+    page = lxml.html.fromstring(page_of(name, kind)).find("body")
+    assert said
+    assert said <= tokens(words_of(notebook))
+    assert said <= tokens(words_of(page))
+
+
+def flat(value: Any, name: str = "") -> dict[str, Any]:
+    """Return a tree of dictionaries as one, the names joined by dots."""
+    if not isinstance(value, dict) or not value:
+        return {name: value}
+    inside = (flat(one, f"{name}.{place}".lstrip(".")) for place, one in value.items())
+    return {place: one for part in inside for place, one in part.items()}
+
+
+@pytest.mark.parametrize(("name", "kind"), RECORDS)
+def test_a_record_shows_itself_and_stays_what_it_was(name: str, kind: str, tmp_path: Path) -> None:
+    """As a line, a table and a page in a file, and as a figure where its page has one."""
+    record = record_of(name, kind)
+    before = to_json(record.to_dict())
+    rows: Any = record.to_dict()
+    for step in record.ROWS.split("."):
+        rows = rows[step]
+    if isinstance(rows, dict):
+        rows = [{"name": place, **row} for place, row in rows.items()]
+    table = record.to_frame().to_dict("records")
+    for row, cells in zip(rows, table, strict=True):
+        for place, one in flat(row).items():
+            same = cells.get(place) == one or one == {}
+            assert same or (cells[place] != cells[place] and (one is None or one != one))
+    assert "\n" not in repr(record)
+    assert 10 < len(repr(record)) <= 400
+    record.report(tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == page_of(name, kind)
+    if "<svg" in page_of(name, kind):
+        assert record.plot().axes
+    else:
+        with pytest.raises(GimbalPinError, match="plot: has nothing to draw of"):
+            record.plot()
+    assert before == to_json(record.to_dict())
+
+
+# -- names and units ---------------------------------------------------------------------------------------------------
+
+
+def parts_of(page: str) -> set[str]:
+    """Return the kinds of elements, and of their attributes, of a page and of those in it."""
+    tree = lxml.html.fromstring(page)
+    inside = (parts_of(embedded(frame)) for frame in tree.iter("iframe"))
+    return {str(one.tag) for one in tree.iter()}.union(*(x.keys() for x in tree.iter()), *inside)
+
+
+@cache
+def harmless_parts() -> set[str]:
+    """Return the same of all pages whose names are harmless."""
+    pages = (page_of(*one) for one in RECORDS if one[0] == "turret")
+    return set[str]().union(*map(parts_of, pages))
+
+
+@pytest.mark.parametrize("kind", SLIDING)
+def test_a_hostile_name_is_only_text(kind: str) -> None:
+    page = page_of("slider", kind)
+    tree = lxml.html.fromstring(page)
+    assert parts_of(page) <= harmless_parts()
+    assert parts_of(record_of("slider", kind)._repr_html_()) <= harmless_parts()
+    assert EVIL in tree.text_content()
+    assert not any("alert(1)" in (script.text or "") for script in tree.iter("script"))
+    assert "/home/someone" not in page or kind == "Log"
+    drawn = [text for svg in tree.iter("svg") for text in svg.itertext() if "slide " in text]
+    assert all(EVIL in text for text in drawn)
+
+
+@pytest.mark.parametrize("kind", SLIDING)
+def test_a_joint_that_slides_has_no_unit_of_one_that_turns(kind: str) -> None:
+    """Nor is there a word of a camera or a balance where the rig has neither."""
+    record = record_of("slider", kind)
+    page = words_of(lxml.html.fromstring(page_of("slider", kind)).find("body"))
+    terminal = str(describe_record(record).to_text(detailed=True))
+    for said in (page, terminal, to_json(record.to_dict()) if kind != "Rig" else ""):
+        # The loops' responses are drawn for a step of 1 rad/s²; a log alone does not know its rig.
+        found = re.findall(r"\bm?N m\b|\brad\b(?!, or m|/s²)|/rad|\d kg m²", said)
+        assert not found or kind == "Log"
+    about = re.search(r"camera|line of sight|balance", page + terminal, re.I)
+    assert not about or kind in ("Several", "Checked")
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_a_cause_has_units_of_a_joint_that_slides(cause: str) -> None:
+    units = " ".join(p.unit for p in CAUSES[cause].stated())
+    assert not re.search(r"N m\b|\brad\b|turn", to_sliding(units))
+
+
+# -- what a run says ---------------------------------------------------------------------------------------------------
+
+
+def test_a_run_says_its_outcome_in_a_screen_and_all_of_it_when_asked() -> None:
+    found = whole("slider")
+    head = found.summary
+    brief, everything = (describe_outcome(found, verbose) for verbose in (False, True))
+    page = lxml.html.fromstring(page_of("slider", "Auto"))
+    assert len(brief.splitlines()) <= 15
+    assert tokens(brief.rpartition("\n")[0]) <= tokens(everything)
+    for said in (head.found, head.to_do[0], *head.doubts):
+        assert said in brief
+        assert said in everything
+        assert said in page.text_content()
+    assert embedded(page.xpath("//iframe")[0]) == found.recording
+    links = [link.get("href") for link in page.xpath("//nav//a")]
+    assert links == [f"#{section.get('id')}" for section in page.iter("section")]
+    names = page.xpath("//@id")
+    assert len(set(names)) == len(names)
+
+
+def test_what_speaks_against_a_controller_is_said() -> None:
+    """It is not to be run, a PID follows as closely, or the model explains too little."""
+    found = identified("turret")
+    rig = found.model.rig
+    judged = record_of("turret", "Judgement")
+    open_ = replace(tuned("turret"), doubts=("pan: not to be run: its inertia is open",))
+    ours, pid = (rows.copy() for rows in judged.errors.values())
+    ours[:, 1], pid[:, 1] = pid[:, 1].copy(), ours[:, 1].copy()
+    worse = replace(judged, errors=dict(zip(judged.errors, (ours, pid))))
+    assert summary(rig, found, tuned("turret"), judged=judged).doubts == ()
+    assert "not to be run" in summary(rig, found, open_).found
+    assert summary(rig, found, open_).doubts == (f"{open_.doubts[0]}.",)
+    (said,) = summary(rig, found, judged=worse).doubts
+    assert [name in said for name in rig.joints] == [False, True]
+    assert ["unexplained" in verdict(x) for x in (50.0, np.nan, 99.0)] == [True, True, False]
+
+
+# -- what pages show of a log, a rig, an estimate ----------------------------------------------------------------------
+
+
+def test_a_diagnosis_plays_the_stretch_that_the_model_explains_least() -> None:
+    log = log_of("turret")
+    tau = np.array(log.tau)
+    tau[3500:3600] += tau.std(axis=0) * np.sin(np.arange(100) / 5)[:, None]
+    logs = (replace(log, name="a.csv"), replace(log, name="b.csv", tau=tau))
+    shown, part = find_worst_stretch(replace(diagnosed("turret"), data=logs), 3.0)
+    assert shown.name == "b.csv"
+    assert part.t[0] < 7.0
+    assert part.t[-1] == pytest.approx(part.t[0] + 3.0)
+    assert part.t[-1] > 7.2
+
+
+@pytest.mark.parametrize("holdout", ["none", "log:1"])
+def test_the_rows_shown_are_the_rows_judged(holdout: str) -> None:
+    logs = [replace(clean_log("turret", k), name=f"{k}.csv") for k in range(2)]
+    found = identify(RIGS["turret"], logs, holdout=holdout)
+    judged = found.held_out or found.train
+    shown = evaluate(found, logs)
+    error, share, measured = map(shown.stacked, ("error", "share", "measured"))
+    rms = np.sqrt(np.sum(error**2, axis=0) / np.sum(share**2, axis=0))
+    assert rms == pytest.approx([*judged.torque_rmse.values()], rel=1e-9)
+    # A row counts as moving with up to a thousandth of it masked.
+    apart = (measured - shown.stacked("predicted") - error)[share > 0.999]
+    assert len(apart) > 0.3 * share.size
+    assert np.abs(apart).max() < 3e-3 * np.abs(measured).max()
+    assert [part.log for part in shown.parts] == ["0.csv", "1.csv"][: 1 + (holdout == "none")]
+
+
+def test_a_model_is_saved_with_its_covariance(tmp_path: Path) -> None:
+    own, after = (identified("turret"), diagnosed("turret"))
+    for found, model in ((own, own.model), (after, after.after)):
+        found.save(tmp_path / "model.yaml")
+        again = read_model(tmp_path / "model.yaml", RIGS["turret"]).estimated
+        np.testing.assert_allclose(again.theta, model.estimated.theta)
+        np.testing.assert_allclose(again.covariance, model.estimated.covariance)
+
+
+def test_draws_for_arviz_have_the_estimate_s_mean_and_covariance() -> None:
+    pytest.importorskip("arviz")
+    found = identified("turret")
+    drawn = found.to_arviz(4000, rng=0).posterior
+    table = np.array([drawn[name].to_numpy().ravel() for name in found.names])
+    error = (table.mean(axis=1) - found.estimate.theta) / found.estimate.std
+    assert np.abs(error).max() < 5 / 4000**0.5
+    correlation = found.estimate.covariance / np.outer(found.estimate.std, found.estimate.std)
+    np.testing.assert_allclose(np.corrcoef(table), correlation, atol=0.08)
+
+
+def test_what_moves_is_a_scene_in_a_frame_and_in_a_file(tmp_path: Path) -> None:
+    shown = record_of("turret", "Excitation").animate(tmp_path / "motion.html")
+    (frame,) = lxml.html.fromstring(shown._repr_html_()).xpath("//iframe")
+    assert frame.get("srcdoc") == shown.page == (tmp_path / "motion.html").read_text()
+    with pytest.raises(GimbalPinError, match="animate: has nothing that moves"):
+        tuned("turret").animate()

@@ -1,0 +1,449 @@
+"""Scenes: what is drawn stands where an independent kinematics puts it, at the instants that were asked for.
+
+- solids, ghost, line of sight and keyframes agree with yourdfpy and Pinocchio, whatever the order of columns;
+- the base turns with its IMU; a second run stands apart and keeps its own motion, errors are magnified alike;
+- what cannot be used is refused;
+- a name is no part of a page; a file is whole or not there.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+import json
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+from xml.sax.saxutils import quoteattr
+
+import lxml.html
+import numpy as np
+import pinocchio as pin
+import pytest
+import umsgpack
+from PIL import Image, ImageSequence
+
+from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.log import Imu, Log
+from gimbal_pin.report import view
+from gimbal_pin.report.view import figure, output
+from gimbal_pin.report.view.solids import Y_TO_Z
+from gimbal_pin.rig import Rig, bundled_rigs
+from tests.browsing import needs_browser, visit
+from tests.rigs import bundled, spelled
+
+GHOST = "/meshcat/ghost"
+RIG = "/meshcat/rig"
+EVIL = "</script><!--<script> ]]>&'<img src=x onerror=alert(1)>"
+
+BARE = """<robot name="bare">
+  <link name="base"/>
+  <link name="mast"><inertial><origin xyz="0 0 0.2"/><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="boom"><inertial><origin xyz="0.1 0 0"/><mass value="0.6"/>
+    <inertia ixx="0.001" iyy="0.003" izz="0.003" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="ns/slide"><inertial><mass value="0.3"/>
+    <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="mast"/>
+    <origin xyz="0 0 0.1"/><axis xyz="0 0 1"/><limit effort="1" velocity="1"/></joint>
+  <joint name="lift" type="revolute"><parent link="mast"/><child link="boom"/>
+    <origin xyz="0 0 0.4" rpy="0 0.3 0"/><axis xyz="0 0.6 0.8"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="boom"/><child link="ns/slide"/>
+    <origin xyz="0.25 0 0"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  EXTRA
+</robot>"""
+"""Three joints of three kinds; fixed links and visuals go where EXTRA stands."""
+
+LUMPED = """<material name="paint"><color rgba="0.2 0.4 0.6 1"/></material>
+  <link name="tip"><visual><origin xyz="0.1 0.2 0.3" rpy="0.4 0.5 0.6"/>
+    <geometry><box size="0.1 0.2 0.3"/></geometry><material name="paint"/></visual></link>
+  <joint name="weld" type="fixed"><parent link="ns/slide"/><child link="tip"/>
+    <origin xyz="0.3 0.1 0.2" rpy="0.7 -0.2 0.1"/></joint>
+  <link name="foot"><visual><geometry><cylinder radius="0.1" length="0.5"/></geometry></visual></link>
+  <joint name="stand" type="fixed"><parent link="base"/><child link="foot"/>
+    <origin xyz="0 0 -0.3" rpy="1 0 0"/></joint>"""
+"""A payload lumped into the last joint, another link fixed to the base."""
+
+RIGS = [*bundled_rigs(), "lumped"]
+
+
+def rig_of(name: str) -> Rig:
+    """Return a bundled rig, or the one whose visuals are all on fixed links."""
+    return spelled(BARE.replace("EXTRA", LUMPED)) if name == "lumped" else bundled(name)
+
+
+@pytest.fixture
+def lumped() -> Rig:
+    """The rig of three kinds of joints."""
+    return rig_of("lumped")
+
+
+def sweep(rig: Rig, seconds: float = 2.0, rate: float = 300.0, **more: Any) -> Log:
+    """Return a smooth motion of all joints and a reference that it lags behind."""
+    t = 3.0 + np.arange(0, seconds + 0.5 / rate, 1 / rate)
+    angle = 2 * np.pi * 0.4 * t[:, None] + np.arange(rig.n)
+    return Log("sweep", rig.joints, t, 0.5 * np.sin(angle - 0.3), q_ref=0.5 * np.sin(angle), **more)
+
+
+def recorded(page: str) -> dict[str, Any]:
+    """Return what the script of a page plays."""
+    found = re.search(r'<script id="scene" type="application/json">(.*?)</script>', page, re.S)
+    assert found is not None
+    values: dict[str, Any] = json.loads(found[1])
+    return values
+
+
+@cache
+def commands(page: str) -> list[dict[str, Any]]:
+    """Return the commands in a recorded page."""
+    return [umsgpack.unpackb(base64.b64decode(text)) for text in recorded(page)["commands"]]
+
+
+def array(packed: Any, width: int) -> np.ndarray:
+    """Return a packed Float32Array as (N, width)."""
+    return np.frombuffer(packed.data, dtype="<f4").astype(float).reshape(-1, width)
+
+
+def square(matrix: list[float]) -> np.ndarray:
+    """Return three.js's sixteen numbers as a matrix."""
+    return np.array(matrix).reshape(4, 4).T
+
+
+def keyframes(page: str) -> dict[str, dict[str, tuple[np.ndarray, np.ndarray]]]:
+    """Return scene path → property → (times, values) of a recorded page."""
+    width = {".quaternion": 4, ".position": 3}
+    found: dict[str, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
+    for command in commands(page):
+        for entry in command.get("animations", ()):
+            for track in entry["clip"]["tracks"]:
+                packed = track["values"]
+                is_list = isinstance(packed, list)  # of what is shown or hidden
+                size = width.get(track["name"], 3)
+                values = np.array(packed) if is_list else array(packed, size)
+                times = array(track["times"], 1)[:, 0]
+                found.setdefault(entry["path"], {})[track["name"]] = (times, values)
+    return found
+
+
+def groups(page: str, frame: int | None = None) -> dict[str, np.ndarray]:
+    """Return scene path → pose within its parent: as set, or as the given keyframe has it."""
+    found = {c["path"]: square(c["matrix"]) for c in commands(page) if c["type"] == "set_transform"}
+    for path, tracks in keyframes(page).items() if frame is not None else ():
+        if ".quaternion" in tracks:
+            turn = pin.Quaternion(tracks[".quaternion"][1][frame]).normalized()
+            found[path][:3, :3] = turn.matrix()
+        if ".position" in tracks:
+            found[path][:3, 3] = tracks[".position"][1][frame]
+    return found
+
+
+def world(poses_of: Mapping[str, np.ndarray], path: str) -> np.ndarray:
+    """Return the pose of a scene path below /meshcat, which only centres the view."""
+    pose = np.eye(4)
+    names = path.strip("/").split("/")
+    for depth in range(2, len(names) + 1):
+        pose = pose @ poses_of.get("/" + "/".join(names[:depth]), np.eye(4))
+    return pose
+
+
+def parts(page: str, root: str = RIG, frame: int | None = None) -> np.ndarray:
+    """Return the poses in the world of all solids that a page draws under a root, (N, 4, 4)."""
+    moved = groups(page, frame)
+    return np.array(
+        [
+            world(moved, command["path"]) @ square(child["matrix"])
+            for command in commands(page)
+            if command["path"].startswith(root) and command["path"].endswith("/solids")
+            if command["type"] == "set_object"
+            for child in command["object"]["object"]["children"]
+        ]
+    )
+
+
+def other_kinematics(rig: Rig, q: np.ndarray) -> Any:
+    """Return yourdfpy's robot at a pose."""
+    import yourdfpy
+
+    robot = yourdfpy.URDF.load(io.BytesIO(rig.urdf.encode()), load_meshes=False)
+    robot.update_cfg(dict(zip(rig.joints, q, strict=True)))
+    return robot
+
+
+def expected(rig: Rig, q: np.ndarray) -> np.ndarray:
+    """Return where yourdfpy's kinematics puts the URDF's visuals, (N, 4, 4)."""
+    robot = other_kinematics(rig, q)
+    found = []
+    for link in robot.robot.links:
+        for visual in link.visuals:
+            turn = Y_TO_Z if visual.geometry.cylinder is not None else np.eye(4)
+            pose = np.eye(4) if visual.origin is None else visual.origin
+            found.append(robot.get_transform(link.name, rig.base) @ pose @ turn)
+    return np.array(found)
+
+
+def assert_same_set(have: np.ndarray, want: np.ndarray, tolerance: float) -> None:
+    """Assert that each pose of one list is one of the other, one to one."""
+    from scipy.optimize import linear_sum_assignment
+
+    assert len(have) == len(want) > 0
+    distance = np.abs(have[:, None] - want[None]).max(axis=(2, 3))
+    row, column = linear_sum_assignment(distance)
+    assert distance[row, column].max() < tolerance
+
+
+# -- where things are --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_solids_stand_where_another_kinematics_puts_them(name: str) -> None:
+    """Also those of links that are fixed to a moved one or to the base, at rest and in motion."""
+    rig = rig_of(name)
+    log = sweep(rig)
+    page = view.record(rig, log, fps=30)
+    data = rig.model.createData()
+    for frame in (0, 17, 60):
+        q = log.q[10 * frame]  # 300 samples and 30 frames per second
+        assert_same_set(parts(page, frame=frame), expected(rig, q), 2e-7)
+        pin.framesForwardKinematics(rig.model, data, q)
+        moved = groups(page, frame)
+        for joint, path in enumerate(figure.list_scene_paths(rig, RIG)):
+            np.testing.assert_allclose(world(moved, path), data.oMi[joint].homogeneous, atol=2e-7)
+
+
+def test_the_ghost_stands_where_the_reference_is(lumped: Rig) -> None:
+    log = sweep(lumped)
+    page = view.record(lumped, log)
+    tint, depth = parts(page, GHOST, 17)
+    np.testing.assert_array_equal(tint, depth)
+    assert_same_set(tint[None], expected(lumped, log.q_ref[170])[:1], 2e-7)
+    for other in (
+        view.record(lumped, log, ghost=False),
+        view.record(lumped, replace(log, q_ref=None)),
+    ):
+        assert not any(command["path"].startswith(GHOST) for command in commands(other))
+
+
+@pytest.mark.parametrize("name", ["handheld", "lumped"])
+def test_the_line_of_sight_is_plus_x_of_the_camera_frame(name: str) -> None:
+    """Of the rig and of its reference; so are the paths of their ends."""
+    rig = rig_of(name)
+    q = np.random.default_rng(2).uniform(-1, 1, rig.n)
+    page = view.record(rig, Log("still", rig.joints, np.zeros(1), q[None], q_ref=-q[None]))
+    drawn = {c["path"]: c["object"] for c in commands(page) if c["type"] == "set_object"}
+    for root, sign, trail in ((RIG, 1, "/meshcat/trail"), (GHOST, -1, "/meshcat/reference")):
+        camera = other_kinematics(rig, sign * q).get_transform(rig.camera_frame, rig.base)
+        (beam,) = (x for x in drawn if x.startswith(root) and x.endswith("line of sight"))
+        dot = square(drawn[beam]["object"]["children"][-1]["matrix"])
+        length = drawn[beam]["geometries"][0]["height"]
+        end = camera[:3, 3] + length * camera[:3, 0]
+        np.testing.assert_allclose((world(groups(page), beam) @ dot)[:3, 3], end, atol=1e-9)
+        path = drawn[trail]["geometries"][0]["data"]["attributes"]["position"]["array"]
+        points = array(path, 3)
+        np.testing.assert_allclose(points, np.tile(end, (len(points), 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "fps", "speed", "ends"),
+    [
+        (2.0, 30, 1.0, [0, 1 / 30, 2]),
+        (2.0, 25, 0.5, [0, 1 / 25, 4]),
+        (2.01, 10, 1.0, [0, 0.1, 2.01]),
+    ],
+)
+def test_frames_run_from_first_to_last_sample(
+    lumped: Rig, seconds: float, fps: float, speed: float, ends: list[float]
+) -> None:
+    page = view.record(lumped, sweep(lumped, seconds), fps=fps, speed=speed)
+    for tracks in keyframes(page).values():
+        for times, values in tracks.values():
+            assert len(times) == len(values)
+            assert times[[0, 1, -1]] == pytest.approx(ends, rel=1e-6)
+            assert np.ptp(np.diff(times[:-1])) < 1e-6
+
+
+def test_the_same_motion_gives_the_same_page_whatever_the_order_of_columns(lumped: Rig) -> None:
+    log = replace(sweep(lumped), q_ref=None)
+    q = np.column_stack([log.q[:, ::-1], np.full(len(log), 9.0)])
+    other = Log("sweep", (*lumped.joints[::-1], "another"), log.t, q)
+    page = view.record(lumped, log)
+    assert view.record(lumped, other) == page
+    assert len(page) < 2e6
+
+
+def test_the_base_turns_with_the_attitude_that_its_imu_reports(lumped: Rig) -> None:
+    turn = pin.Quaternion(pin.rpy.rpyToMatrix(0.2, -0.3, 0.4))
+    log = sweep(lumped)
+    quat = np.tile(turn.coeffs()[[3, 0, 1, 2]], (len(log), 1))
+    quat[1::2] *= -1  # the same attitude
+    tilted = replace(log, imus={lumped.base: Imu(quat=quat)})
+    pose = np.eye(4)
+    pose[:3, :3] = turn.matrix()
+    have = parts(view.record(lumped, tilted), frame=20)
+    np.testing.assert_allclose(have, pose @ parts(view.record(lumped, log), frame=20), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "factor", "apart"),
+    [(0.011, 0.002, 20, (0.22, 0.04)), (0.002, 0.011, 20, (0.04, 0.22))],
+)
+def test_two_runs_stand_apart_and_show_their_errors_magnified_by_one_factor(
+    lumped: Rig, left: float, right: float, factor: float, apart: tuple[float, float]
+) -> None:
+    log = sweep(lumped)
+    runs = [replace(log, q=log.q_ref - off, name=f"{off}") for off in (left, right)]
+    page = view.animate(lumped, runs[0], beside=runs[1]).page
+    moved = groups(page, 7)
+    assert f"error × {factor}" in page
+    assert [one["name"] for one in recorded(page)["names"]] == [f"{left}", f"{right}"]
+    for home, angle in zip(("/meshcat", "/meshcat/beside"), apart, strict=True):
+        own, ghost = (
+            moved[figure.list_scene_paths(lumped, f"{home}/{one}")[2]][:3, :3]
+            for one in ("rig", "ghost")
+        )
+        assert np.linalg.norm(pin.log3(own.T @ ghost)) == pytest.approx(angle, abs=1e-5)
+    alone = parts(view.record(lumped, runs[1]), frame=7)
+    shift = (parts(page, "/meshcat/beside/rig", 7) - alone)[:, :3, 3]
+    assert np.linalg.norm(shift[0]) > 0.5
+    np.testing.assert_allclose(shift, np.tile(shift[0] * [1, 1, 0], (len(shift), 1)), atol=1e-6)
+
+
+# -- what cannot be used, names, files ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "word"),
+    [
+        ("out.html", {"fps": 0.0}, "fps"),
+        ("out.html", {"speed": -1.0}, "speed"),
+        ("out.avi", {}, r"\.avi.*\.mp4"),
+        ("out.png", {"size": (0, 10)}, "size"),
+        ("out.png", {"at": 99.0}, "at: is 99"),
+        ("out.png", {"camera": "below"}, "three-quarter"),
+        ("no/out.html", {}, "does not exist"),
+    ],
+)
+def test_an_argument_that_cannot_be_used_is_refused_by_name(
+    lumped: Rig, tmp_path: Path, name: str, more: dict[str, Any], word: str
+) -> None:
+    with pytest.raises(UsageError, match=word):
+        view.animate(lumped, sweep(lumped), tmp_path / name, **more)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_log_that_lacks_a_joint_or_a_sample_is_refused(lumped: Rig) -> None:
+    log = sweep(lumped)
+    with pytest.raises(LogError, match="no joint 'slide'"):
+        view.record(lumped, Log("part", lumped.joints[:2], log.t, log.q[:, :2]))
+    with pytest.raises(LogError, match="no samples"):
+        view.record(lumped, log.part(slice(0, 0)))
+
+
+def elements(page: str) -> Counter[str]:
+    """Return how many elements of each kind a page has."""
+    return Counter(str(one.tag) for one in lxml.html.fromstring(page).iter())
+
+
+def test_a_name_is_no_part_of_a_page(lumped: Rig) -> None:
+    """Of rig, joints, links, log and payload; the pages of a file and of a live view."""
+    text = re.sub(
+        r'(name|link)="([^"]*)"',
+        lambda found: f"{found[1]}={quoteattr(f'{found[2]} {EVIL}')}",
+        BARE.replace("EXTRA", LUMPED),
+    )
+    rig = replace(spelled(text), payload=EVIL)
+    plain = view.record(lumped, sweep(lumped))
+    evil = view.record(rig, replace(sweep(rig), name=EVIL))
+    with view.Live(rig) as live, urlopen(live.url) as answer:
+        served = answer.read().decode()
+    assert elements(evil) == elements(plain)
+    assert elements(served)["script"] == elements(plain)["script"]
+    for page in (evil, served):
+        assert [one["name"] for one in recorded(page)["joints"]] == list(rig.joints)
+
+
+def test_without_chromium_pictures_say_what_to_install_and_html_works(
+    lumped: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chromium = pytest.importorskip("choreographer.browsers.chromium")
+    monkeypatch.setattr(chromium.Chromium, "find_browser", classmethod(lambda _, **__: None))
+    with pytest.raises(UsageError, match="apt install chromium"):
+        view.animate(lumped, sweep(lumped), tmp_path / "out.gif")
+    assert not list(tmp_path.iterdir())
+    view.animate(lumped, sweep(lumped), tmp_path / "out.html")
+    assert (tmp_path / "out.html").stat().st_size > 5e5
+
+
+@needs_browser
+def test_a_picture_and_films_hold_the_asked_frames(
+    lumped: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Asked for in a running event loop, as a notebook has it; a file is whole or not there."""
+    pytest.importorskip("imageio_ffmpeg")
+    log = sweep(lumped, seconds=0.25)
+
+    async def notebook() -> None:
+        view.animate(lumped, log, tmp_path / "still.png", size=(320, 180), at=3.2)
+
+    asyncio.run(notebook())
+    with Image.open(tmp_path / "still.png") as still:
+        assert (still.size, still.format) == ((320, 180), "PNG")
+    shown = view.animate(lumped, log, tmp_path / "film.gif", size=(161, 91))
+    with Image.open(tmp_path / "film.gif") as film:
+        assert (film.info["duration"], film.info["loop"], film.size) == (50, 0, (161, 91))
+        frames = [np.asarray(x.convert("RGB")).astype(int) for x in ImageSequence.Iterator(film)]
+    assert len(frames) == shown.frames == 6
+    assert (np.abs(frames[-1] - frames[0]).max(axis=2) > 40).mean() > 0.01
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.setitem(output.ENCODERS, ".webp", "-c:v no-such-codec")
+    with pytest.raises(UsageError, match="no-such-codec"):
+        view.animate(lumped, log, tmp_path / "broken.webp", size=(160, 90))
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def pixels(uri: str) -> np.ndarray:
+    """Return a PNG data URI as (height, width, 3)."""
+    data = base64.b64decode(uri.partition(",")[2])
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)
+
+
+@needs_browser
+def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path) -> None:
+    rig = bundled("thesis")
+    log = sweep(rig)
+    view.animate(rig, log, tmp_path / "out.html")
+    url = (tmp_path / "out.html").as_uri()
+    tip = figure.list_scene_paths(rig, RIG)[3].strip("/").split("/")
+    pose = f"(viewer.scene_tree.find({tip}).object.updateWorldMatrix(true, true),"
+    pose += f"viewer.scene_tree.find({tip}).object.matrixWorld.toArray())"
+    shots = [f"pictures([{t}], 320, 180)[0]" for t in (0.5, 1.3)]
+    seen = visit(
+        url,
+        "animator.playing",
+        shots[0],
+        pose,
+        shots[1],
+        pose,
+        shots[0],
+        "(seek(2.0), [animator.playing, document.getElementById('clock').value])",
+    )
+    playing, first, at_first, second, at_second, again, end = seen.values
+    assert (seen.complaints, seen.requests) == ([], [url])
+    assert playing
+    assert again == first  # a frame is the asked instant, whatever was shown before
+    assert len(np.unique(pixels(first).reshape(-1, 3), axis=0)) > 500
+    moved = np.abs(pixels(first) - pixels(second)).max(axis=2) > 24
+    assert 0.02 < moved.mean() < 0.6
+    data = rig.model.createData()
+    stands = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # the viewer's y is up
+    for have, row in ((at_first, 150), (at_second, 390)):
+        pin.forwardKinematics(rig.model, data, log.q[row])
+        np.testing.assert_allclose(square(have)[:3, :3], stands @ data.oMi[3].rotation, atol=1e-5)
+    assert end == [False, "5.00 / 5.00 s"]
