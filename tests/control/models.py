@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.dynamics import Estimated, Model, nominal, reduce_parameters
-from gimbal_pin.effects import ActuatorLag
+from gimbal_pin.dynamics import Estimated, Model, nominal, plant_with, reduce_parameters
+from gimbal_pin.effects import ActuatorLag, parse_effect
 from gimbal_pin.log import Array
 from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig import Limits, Motor
@@ -41,8 +41,9 @@ def estimated(model: Model, covariance: Array) -> Model:
 
 
 def doubtful(share: float) -> Model:
-    """Return the turret's nominal model, its bodies known to a share of their size, correlated; tilt's drive lags."""
-    model = nominal(bundled("turret"))
+    """Return the turret with a rotor at pan, its bodies known to a share of their size; tilt's drive lags."""
+    rig = bundled("turret")
+    model = plant_with(nominal(rig), [parse_effect("armature:pan:inertia=0.01", rig)]).plant
     size = np.abs(model.rig.phi[find_base_columns(model.rig, reduce_parameters(model.rig))])
     std = np.zeros(len(name_parameters(model)))
     std[: len(size)] = share * size

@@ -51,8 +51,9 @@ def test_minimum_jerk_rests_moves_and_rests() -> None:
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_steps_stay_within_every_limit(name: str) -> None:
-    plant = nominal(bundled(name))
-    rig = plant.rig
+    rig = bundled(name)
+    rig = replace(rig, motors=tuple(replace(m, tau_max=0.4 * m.tau_max) for m in rig.motors))
+    plant = nominal(rig)
     wanted = np.deg2rad([30.0, -80.0, 170.0])[: rig.n]
     goal = shrink_steps(plant, wanted.tolist(), 0.5)
     motion = minimum_jerk(home(rig), home(rig) + goal, dt=0.001)
@@ -143,10 +144,10 @@ def know(share: float = 0.0, **known: Any) -> Model:
     return replace(model, drive=(), estimated=replace(model.estimated, **known))
 
 
-def judge(model: Model) -> Judgement:
+def judge(model: Model, delay: float = 0.0) -> Judgement:
     laws = pair_rivals(tune(know(), dt=DT, delay=0.0).stored)
     exact = Sensors.exact(2)
-    return judge_controllers(model, laws, rng=0, plants=3, delay=0.0, sensors=exact, rest=0.5)
+    return judge_controllers(model, laws, rng=0, plants=3, delay=delay, sensors=exact, rest=0.5)
 
 
 def test_without_doubt_and_noise_every_plant_is_the_single_simulation() -> None:
@@ -171,8 +172,10 @@ def test_without_doubt_and_noise_every_plant_is_the_single_simulation() -> None:
     ids=["parameters", "friction at standstill", "missed torque", "noise"],
 )
 def test_more_doubt_costs_error(doubts: list[dict[str, Any]]) -> None:
-    worst = [judge(know(**doubt)).errors["computed-torque"].max(axis=0) for doubt in [{}, *doubts]]
-    assert (np.diff(worst, axis=0) > 0).all()
+    found = [judge(know()), *(judge(know(**doubt)) for doubt in doubts), judge(know(), 0.01)]
+    worst = [each.errors["computed-torque"].max(axis=0) for each in found]
+    assert (np.diff(worst[:-1], axis=0) > 0).all()
+    assert (worst[-1] > worst[0]).all()
 
 
 @pytest.mark.parametrize("bits", [8, None])
