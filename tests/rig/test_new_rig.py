@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from gimbal_pin.rig import Rig, bundled_rigs
-from tests.command_line import Run, refused, result
-from tests.rig.test_rig_formats import MUJOCO, RIG, SENSORS, TRANSMISSIONS, torques
+from gimbal_pin.rig import Rig
+from tests.command_line import Run, refused
+from tests.rig.test_rig_formats import RIG, SENSORS, TRANSMISSIONS, torques
 
 OPTICAL = RIG.format(
     '<link name="imu_link"/><link name="cam_optical_frame"/><link name="tool plate"/>'
@@ -20,12 +20,16 @@ OPTICAL = RIG.format(
         for link in ("imu_link", "cam_optical_frame", "tool plate")
     )
 )
-FILES = {
-    "sdf": SENSORS.format(""),
-    "mjcf": MUJOCO,
-    "gears": RIG.format(TRANSMISSIONS["Drake"]),
-    "optical": OPTICAL,
-}
+FILES = {"sdf": SENSORS, "gears": RIG.format(TRANSMISSIONS["Drake"]), "optical": OPTICAL}
+
+
+def write(folder: Path, name: str) -> Path | str:
+    """Return the path of one of the files, or a bundled rig's name."""
+    if name not in FILES:
+        return name
+    path = folder / f"{name}.xml"
+    path.write_text(FILES[name], encoding="utf-8")
+    return path
 
 
 def uncommented(text: str) -> str:
@@ -35,13 +39,11 @@ def uncommented(text: str) -> str:
     return text.replace("payload: mirrorless\n", "")  # whose root link may be there already
 
 
-@pytest.mark.parametrize("name", [*bundled_rigs(), *sorted(FILES.keys() - {"mjcf"})])
+@pytest.mark.parametrize("name", ["thesis", *FILES])
 def test_what_it_writes_is_the_rig_and_what_it_suggests_is_understood(
     tmp_path: Path, run: Run, name: str
 ) -> None:
-    source = tmp_path / f"{name}.xml" if name in FILES else name
-    if name in FILES:
-        (tmp_path / f"{name}.xml").write_text(FILES[name], encoding="utf-8")
+    source = write(tmp_path, name)
     path = tmp_path / "mine.yaml"
     rig = Rig.load(source)
     code, out, err = run("new-rig", source, "-o", path)
@@ -56,35 +58,22 @@ def test_what_it_writes_is_the_rig_and_what_it_suggests_is_understood(
 
 
 def test_it_guesses_by_names_and_tags(tmp_path: Path, run: Run) -> None:
-    found = {}
-    for name, text in FILES.items():
-        (tmp_path / f"{name}.xml").write_text(text, encoding="utf-8")
-        found[name] = yaml.safe_load(run("new-rig", tmp_path / f"{name}.xml")[1])
-    assert (found["sdf"]["camera_frame"], found["sdf"]["optical_axis"], found["sdf"]["imus"]) == (
-        "eye",
-        "x",
-        ["gyro"],
+    sdf, gears, optical = (
+        yaml.safe_load(run("new-rig", write(tmp_path, name))[1]) for name in FILES
     )
-    assert (found["mjcf"]["camera_frame"], found["mjcf"]["imus"]) == ("eye", ["gyro"])
-    assert found["gears"]["motors"]["tilt"] == {"gear_ratio": 50.0, "rotor_inertia": "2e-05"}
-    optical = found["optical"]
+    assert (sdf["camera_frame"], sdf["optical_axis"], sdf["imus"]) == ("eye", "x", ["gyro"])
+    assert gears["motors"]["tilt"] == {"gear_ratio": 50.0, "rotor_inertia": "2e-05"}
     assert (optical["camera_frame"], optical["optical_axis"]) == ("cam_optical_frame", "z")
     assert (optical["mount"], optical["imus"]) == ("tool plate", ["imu_link"])
 
 
-def test_it_writes_the_yaml_beside_a_urdf_that_has_none(tmp_path: Path, run: Run) -> None:
-    """Found there by the URDF's own name from then on, and not written over."""
+def test_it_writes_the_yaml_beside_a_urdf_and_over_no_file_of_the_rig(
+    tmp_path: Path, run: Run
+) -> None:
     path = tmp_path / "own.urdf"
     path.write_text(RIG.format(""), encoding="utf-8")
-    code, _, err = run("new-rig", path, "-o", tmp_path / "own.yaml")
-    assert code == 0, err
-    assert result(run, "check", path)["rig"] == result(run, "check", tmp_path / "own.yaml")["rig"]
-    refused(run("new-rig", path, "-o", tmp_path / "own.yaml"), 2, "own.yaml", "write over")
-
-
-def test_it_writes_over_no_file_of_the_rig(tmp_path: Path, run: Run) -> None:
-    path = tmp_path / "own.urdf"
-    path.write_text(RIG.format(""), encoding="utf-8")
-    (tmp_path / "own.yaml").write_text("motors: {tilt: {tau_max: 3}}", encoding="utf-8")
-    refused(run("new-rig", path, "-o", tmp_path / "own.yaml"), 2, "own.yaml", "write over")
-    refused(run("new-rig", path, "-o", path), 2, "write over")
+    beside = tmp_path / "own.yaml"
+    assert run("new-rig", path, "-o", beside)[0] == 0
+    assert Rig.load(path).config.motors == Rig.load(beside).config.motors
+    for taken in (beside, path):
+        refused(run("new-rig", path, "-o", taken), 2, "write over")
