@@ -1,8 +1,8 @@
 """Numbers, texts, curves: what is written and drawn is what was given.
 
-- a number keeps its significant digits, an interval its second digit, sentence and table agree;
+- a number keeps its significant digits, an interval its second digit;
 - any text comes out of a page as it went in, and terminal and page have the same cells;
-- a thinned curve keeps its extremes and gaps, a chart carries the data;
+- a chart carries the data, and however long it is the extremes and gaps of each curve;
 - drawing is repeatable and leaves Matplotlib as it was.
 """
 
@@ -44,7 +44,6 @@ TEXTS = st.text(
     max_size=40,
 )
 COUNTS = st.integers(1, 6)
-EVERYDAY = st.floats(-4, 6.9).flatmap(lambda power: st.sampled_from([10**power, -(10**power)]))
 
 
 # -- numbers -----------------------------------------------------------------------------------------------------------
@@ -75,15 +74,6 @@ def test_an_interval_is_written_to_its_second_digit(value: float, half: float) -
     centre, width = numbers.interval(value, half)
     assert abs(value_of(width) - half) <= 0.051 * half
     assert abs(value_of(centre) - value) <= 0.051 * half + 1e-15 * abs(value)
-
-
-@given(EVERYDAY, COUNTS)
-def test_sentences_and_tables_say_the_same_number(value: float, count: int) -> None:
-    text = digits(value, count)
-    assert "e" not in text
-    assert float(text) == pytest.approx(value, rel=0.51 * 10.0 ** (1 - count))
-    assert abs(value) < 10**count or abs(float(text) - value) <= 0.5
-    assert value_of(figures(value, count)) == pytest.approx(float(text), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -157,55 +147,42 @@ def test_terminal_and_page_show_the_same_cells(rows: list[list[str]]) -> None:
 # -- curves ------------------------------------------------------------------------------------------------------------
 
 
-@given(st.integers(3, 3000), st.integers(0, 2**32 - 1), st.integers(0, 2))
-def test_a_thinned_curve_keeps_its_peaks_and_its_gaps(count: int, seed: int, holes: int) -> None:
-    rng = np.random.default_rng(seed)
-    t = np.arange(float(count))
-    values = rng.standard_normal(count)
-    values[rng.integers(0, count, holes)] = np.nan
-    x, y = plots.thinned(t, values, 300)
-    assert len(x) <= 300
-    assert np.all(np.diff(x) > 0)
-    assert (np.nanmin(y), np.nanmax(y)) == (np.nanmin(values), np.nanmax(values))
-    assert np.array_equal(y, values[x.astype(int)], equal_nan=True)
-    assert np.isnan(y).any() == np.isnan(values).any()
-
-
 @given(st.integers(2, 9000), st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1.7e9]))
-def test_a_chart_carries_the_data_and_loses_no_spike(count: int, seed: int, start: float) -> None:
+def test_a_chart_carries_the_data_and_loses_no_spike_and_no_gap(
+    count: int, seed: int, start: float
+) -> None:
     rng = np.random.default_rng(seed)
     t = start + 0.02 * np.arange(count)
     first, second = rng.standard_normal((2, count))
-    half = 0.1 + np.abs(first)
+    first[count // 2] = np.nan
+    half = 0.1 + np.abs(second)
     curves = [Trace("a", first, plots.PLAIN), Trace("b", second, "#1a75f2", half=half)]
     chart = Chart("pan", "#1a75f2", "torque, N m", t, curves, {"angle, °": np.cos(t)})
     ((table,),) = unpacked(str(Charts("run", [[chart]]).__html__()))
-    assert table.shape[1] <= 3000
-    assert np.all(np.diff(table[0]) > 0)
-    rows = np.searchsorted(t - start, table[0].astype(float) - 0.01)
+    rows = np.round(table[0] / 0.02).astype(int)
+    assert len(rows) <= 3000
+    assert np.all(np.diff(rows) > 0)
     columns = [t - t[0], np.cos(t), first, second, second - half, second + half]
-    for kept, column in zip(table, columns, strict=True):
-        np.testing.assert_array_equal(kept, column[rows].astype("f4"))
+    np.testing.assert_array_equal(table, np.stack(columns)[:, rows].astype("f4"))
     for kept, curve in zip(table[2:4], (first, second)):
-        assert [kept.min(), kept.max()] == [*np.array([curve.min(), curve.max()]).astype("f4")]
+        assert np.isnan(kept).any() == np.isnan(curve).any()
+        for pick in (np.nanmin, np.nanmax):
+            assert pick(kept) == pick(curve).astype("f4")
 
 
 def test_drawing_is_repeatable_and_leaves_matplotlib_as_it_was() -> None:
     def draw() -> Any:
-        figure, axes = plots.panels(1, 3, 2.0)
-        plots.curve(axes[0, 0], np.arange(5.0), np.array([1.0, 2.0, np.nan, 1.0, 0.5]))
-        axes[0, 2].plot([0, 1], [0.0, 0.0025])
-        axes[0, 2].set_yticks([0.0, 0.0005, 0.0025])
+        figure, axes = plots.panels(1, 2, 2.0)
+        plots.curve(axes[0, 0], np.arange(5.0), 0.0025 * np.array([0, 1.0, np.nan, 1.0, 0.5]))
+        axes[0, 0].set_yticks([0.0, 0.0005, 0.0025])
         axes[0, 1].set(xscale="log", yscale="log", xlim=(1, 1000), ylim=(0.11, 0.9))
         plots.put_legend(axes[0, 0], [("_hidden $x$", "red"), (EVIL, "blue")])
         return figure
 
     before = dict(matplotlib.rcParams)
     first = plots.drawn(draw, EVIL)
-    assert dict(matplotlib.rcParams) == before
     assert plots.drawn(draw, EVIL) == first
-    tree = parsed(first)
-    assert tree.get("aria-label") == EVIL
-    texts = {text.text_content() for text in tree.iter("text")}
+    assert dict(matplotlib.rcParams) == before
+    texts = {text.text_content() for text in parsed(first).iter("text")}
     assert {"_hidden $x$", EVIL, "1000", "0.0005"} <= texts
     assert len({text for text in texts if re.fullmatch(r"0\.[1-9]", text)}) >= 2
