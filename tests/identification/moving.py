@@ -1,0 +1,31 @@
+"""Logs of a rig whose base moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gimbal_pin.dynamics import Model
+from gimbal_pin.log import Array, Imu, Log, Platform
+from tests.bench_logs import fourier
+
+
+def list_times(seconds: float) -> Array:
+    """Return times of 1 kHz with both ends, s."""
+    return 1e-3 * np.arange(round(seconds * 1000) + 1)
+
+
+def sway(t: Array, size: float = 0.2) -> Platform:
+    """Return a few degrees and some m/s² on every axis, below what the filters take away."""
+    w = 2 * np.pi * np.array([0.7, 0.9, 1.3])
+    angle = size * np.sin(t[:, None] * w)
+    rate = size * w * np.cos(t[:, None] * w)
+    push = 5 * size * np.cos(t[:, None] * w[::-1])
+    return Platform.turning(t, angle, rate, -(w**2) * angle, push)
+
+
+def carry(model: Model, platform: Platform | None, seconds: float = 12.0) -> Log:
+    """Return the log of a prescribed motion on a moving base, without noise."""
+    motion = fourier(model.rig, 0, seconds)
+    tau = model.inverse(motion.q, motion.v, motion.a, platform=platform)
+    imus = {} if platform is None else {model.rig.base: Imu(platform.w, platform.f)}
+    return Log("carried", model.rig.joints, motion.t, motion.q, motion.v, tau, imus=imus)
