@@ -1,116 +1,74 @@
-"""Laws of gaps and springs between motor and link: where a gap opens, what a spring passes on, that logs tell them."""
+"""Laws of drives, gaps and springs between motor and link: what they pass on under load, and that logs tell them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from math import copysign, sqrt
-from typing import NamedTuple
+from math import sqrt
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from gimbal_pin.control import tune
-from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Problem, gather, solve_causes
-from gimbal_pin.dynamics import nominal, reduce_parameters, simulate
-from gimbal_pin.effects import Backlash, JointFlexibility, JointLoad, Presliding, Term
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.rig import Rig
-from tests.bench_logs import fourier, prescribed
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, State
+from gimbal_pin.diagnosis.shapes import form, shape_names
+from gimbal_pin.dynamics import nominal, simulate
+from gimbal_pin.effects import Backlash, DeadZone, JointFlexibility, JointLoad, Saturation, Signal
+from gimbal_pin.log import Motion
+from tests.bench_logs import fourier
 from tests.candidates import refined, worth
+from tests.diagnosis.test_search import find_best
+from tests.refitted import RIG, refit
 
-RIG = Rig.load("turret")
-JOINT = RIG.joints[-1]
-
-
-def two_masses(push: Array, gap: float, rotor: float, link: float, load: float, dt: float) -> Array:
-    """Rate of a rotor that `push`, N m, drives through a gap, landing without a bounce, a link that bears a load."""
-    place = gap / 2
-    rates = [0.0, 0.0]
-    out = []
-    touching = True
-    for u in push.tolist():
-        between = (link * u + rotor * load) / (
-            rotor + link
-        )  # what holds the two together while they touch
-        touching = touching and between * place >= 0
-        if touching:
-            rates = [rates[0] + (u - load) / (rotor + link) * dt] * 2
-        else:
-            before = rates[0] - rates[1]
-            rates = [rates[0] + u / rotor * dt, rates[1] - load / link * dt]
-            place += (before + rates[0] - rates[1]) / 2 * dt
-            if abs(place) >= gap / 2:
-                rates = [(rotor * rates[0] + link * rates[1]) / (rotor + link)] * 2
-                place = copysign(gap / 2, place)
-                touching = True
-        out.append(rates[0])
-    return np.array(out)
+JOINT = "tilt"
 
 
-@given(st.floats(0.5, 500.0), st.floats(1e-3, 0.5), st.floats(1e-6, 0.95))
-def test_a_spring_within_its_bounds_is_felt(frequency: float, damping: float, share: float) -> None:
-    """Whatever a search comes by on its way can be computed: it refused a soft spring before a light rotor."""
-    load = np.ones((40, 1))
-    inertial = np.linspace(-1.0, 1.0, 40)[:, None]
-    assert np.all(
-        np.isfinite(JointFlexibility(JOINT, frequency, damping, share).felt(load, inertial, 0.005))
-    )
-
-
-@given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.6), st.floats(-0.3, 0.3), st.floats(0.0, 0.2))
-def test_a_gap_passes_on_what_the_rigid_joint_would_ask_for(
-    seed: int, share: float, load: float, brake: float
+@given(st.floats(0.05, 0.6), st.floats(-0.3, 0.3), st.floats(0.0, 0.2))
+def test_a_gap_feels_the_command_less_friction_and_what_its_link_bears(
+    share: float, load: float, brake: float
 ) -> None:
-    """Impulse of what acts, less friction and load, is the momentum of both masses at the rotor's rate."""
-    rng = np.random.default_rng(seed)
+    """``x/J`` is the rotor's acceleration less the link's, which the load brakes; with the encoder there it is x."""
+    t = 1e-3 * np.arange(800)
+    command = load + brake + 0.5 * np.sin(18.0 * t)
+    gap = Backlash(JOINT, 0.01, 0.004, share)
+    beside = share / (1 - share) * load - brake
+    borne = JointLoad(np.full(800, brake), np.full(800, load))
+    acting = gap.acting(command + beside, 1e-3) - beside
+    np.testing.assert_allclose(gap.along(command, 1e-3, borne), acting)
+    on_link = replace(gap, rotor_share=0.0)
+    np.testing.assert_allclose(on_link.along(command, 1e-3, borne), on_link.acting(command, 1e-3))
+
+
+def test_a_gap_at_rest_does_not_knock_at_the_noise_of_a_rate() -> None:
+    command = np.full(400, 0.1)
+    brake = 0.5 * np.sign(np.random.default_rng(0).standard_normal(400))
+    load = np.full(400, 0.05)
+    gap = Backlash(JOINT, 2e-3, 0.01, 0.3)
+    held, moving = (JointLoad.along(brake, load, command, np.full(400, x)) for x in (True, False))
+    np.testing.assert_allclose(gap.along(command, 2e-3, held), command)
+    assert np.abs(gap.along(command, 2e-3, moving) - command).max() > 0.5
+    np.testing.assert_array_equal(moving.brake, brake)
+
+
+@given(st.floats(5, 25), st.floats(0.02, 0.3), st.floats(0.1, 0.6), st.floats(0, 0.2))
+def test_a_spring_passes_on_what_the_link_asks_for_while_the_rotor_sticks_too(
+    frequency: float, damping: float, share: float, dry: float
+) -> None:
+    """``y = (I + J) a + friction + load``, whatever friction is taken to hold the rotor where it stands."""
     dt = 1e-4
-    inertia = 0.004
-    t = dt * np.arange(8000)
-    friction = brake * np.sign(np.sin(2 * np.pi * t + rng.uniform(0, 6)))
-    command = load + friction + 0.5 * np.sin(2 * np.pi * rng.uniform(2, 4) * t + 0.3)
-    signal = Backlash(JOINT, 0.01, inertia, share)
-    link = inertia * (1 / share - 1)
-    rate = two_masses(command - friction, signal.gap, inertia, link, load, dt)
-    acting = signal.along(command, dt, JointLoad(friction, np.full_like(t, load)))
-    impulse = np.cumsum(acting - friction - load) * dt
-    assert (
-        np.mean(np.abs(impulse - (inertia + link) * rate)) < 0.01 * np.max(np.abs(impulse)) + 1e-12
-    )
-
-
-def test_who_knows_nothing_of_a_joint_takes_it_to_bear_nothing() -> None:
-    x = np.sin(np.arange(500) / 20)
-    gap = Backlash(JOINT, 0.01, 1e-3, 0.3)
-    ring = JointFlexibility(JOINT, 9.0, 0.05, 0.3)
-    np.testing.assert_array_equal(gap.along(x, 1e-3, None), gap.acting(x, 1e-3))
-    np.testing.assert_allclose(gap.along(x, 1e-3, JointLoad(0 * x, 0 * x)), gap.acting(x, 1e-3))
-    np.testing.assert_array_equal(ring.along(x, 1e-3, None), ring.acting(x, 1e-3))
-    on_link = replace(ring, rotor_share=0.0)
-    np.testing.assert_array_equal(on_link.along(x, 1e-3, JointLoad(x, x)), on_link.acting(x, 1e-3))
-
-
-class Swung(NamedTuple):
-    """Two masses on a spring, the rotor behind dry friction: push and friction, N m, the rotor's acceleration."""
-
-    push: Array
-    friction: Array
-    acceleration: Array
-    still: NDArray[np.bool_]
-
-
-def swung(
-    ring: JointFlexibility, inertia: float, dry: float, load: Array, push: Array, dt: float
-) -> Swung:
-    """Integrate them, the link swinging already; the rotor sticks where the friction can hold it."""
-    rotor = ring.rotor_share * inertia
-    link = (1 - ring.rotor_share) * inertia
-    w = 2 * np.pi * ring.frequency
+    inertia = 0.01
+    rng = np.random.default_rng(3)
+    ring = JointFlexibility(JOINT, frequency, damping, share)
+    t = dt * np.arange(15000)
+    load = 0.1 + 0.05 * np.sin(4.4 * t)
+    push = load + 0.25 * np.sin(12.0 * t) + 0.05 * np.sin(31.4 * t)
+    rotor = share * inertia
+    link = (1 - share) * inertia
+    w = 2 * np.pi * frequency
     k = w * w * rotor * link / inertia
-    c = 2 * ring.damping * w * rotor * link / inertia
+    c = 2 * damping * w * rotor * link / inertia
     bend = 0.3 / k
     bending = 0.0
     rate = 0.0
@@ -120,109 +78,104 @@ def swung(
         free = rate + (u - spring) / rotor * dt
         brake = max(-dry, min(dry, free * rotor / dt))
         a = (u - spring - brake) / rotor
-        rows.append((brake, a, abs(rate + a * dt) < 1e-12))
         rate += a * dt
+        rows.append((brake, a, abs(rate) < 1e-12))
         bending += (a - (spring - asked) / link) * dt
         bend += bending * dt
-    brakes, accelerations, still = map(np.array, zip(*rows))
-    return Swung(push, brakes, accelerations, still)
+    friction, acceleration, still = np.array(rows).T
+    moves = still == 0
+    told = np.where(moves, friction, rng.normal(size=len(t)))
+    borne = JointLoad(told, load, inertia * acceleration, ~moves)
+    wrong = ring.along(push, dt, borne) - (inertia * acceleration + friction + load)
+    assert np.sqrt(np.mean(wrong[moves] ** 2)) < 0.02 * np.sqrt(np.mean(push**2))
 
 
-@given(
-    st.floats(5.0, 25.0),
-    st.floats(0.02, 0.3),
-    st.floats(0.1, 0.6),
-    st.floats(0.0, 0.2),
-    st.integers(0, 99),
+@pytest.mark.parametrize(
+    "signal", [Backlash(JOINT, 0.01, 1e-3, 0.3), JointFlexibility(JOINT, 9.0, 0.05, 0.3)]
 )
-def test_a_spring_passes_on_what_the_link_asks_for_while_the_rotor_sticks_too(
-    frequency: float, damping: float, share: float, dry: float, seed: int
-) -> None:
-    """``y = (I + J) a + friction + load``, whatever friction is taken to hold the rotor where it stands."""
-    dt = 1e-4
-    inertia = 0.01
-    rng = np.random.default_rng(seed)
-    ring = JointFlexibility(JOINT, frequency, damping, share)
-    t = 1e-4 * np.arange(15000)
-    load = 0.1 + 0.05 * np.sin(2 * np.pi * 0.7 * t + rng.uniform(0, 6))
-    push = (
-        load + 0.25 * np.sin(2 * np.pi * rng.uniform(1, 3) * t) + 0.05 * np.sin(2 * np.pi * 5 * t)
-    )
-    was = swung(ring, inertia, dry, load, push, dt)
-    told = np.where(was.still, rng.normal(size=len(t)), was.friction)
-    acting = ring.along(push, dt, JointLoad(told, load, inertia * was.acceleration, was.still))
-    wrong = acting - (inertia * was.acceleration + was.friction + load)
-    assert np.sqrt(np.mean(wrong[~was.still] ** 2)) < 0.02 * np.sqrt(np.mean(push**2))
+def test_who_knows_nothing_of_a_joint_takes_it_to_bear_nothing(signal: Signal) -> None:
+    x = np.sin(np.arange(500) / 20)
+    acting = signal.acting(x, 1e-3)
+    np.testing.assert_array_equal(signal.along(x, 1e-3, None), acting)
+    on_link = replace(signal, rotor_share=0.0)  # type: ignore[call-arg]
+    borne = on_link.along(x, 1e-3, JointLoad(x, x))
+    np.testing.assert_array_equal(borne, on_link.acting(x, 1e-3))
 
 
 @given(st.floats(5.0, 60.0), st.floats(0.05, 0.5), st.floats(0.8, 1.4))
 def test_a_resonance_is_moved_along_its_zero(frequency: float, share: float, factor: float) -> None:
-    one = JointFlexibility(JOINT, frequency, 0.05, share)
-    other = one.moved("frequency", factor * frequency)
+    other = JointFlexibility(JOINT, frequency, 0.05, share).moved("frequency", factor * frequency)
     assert isinstance(other, JointFlexibility)
     assert sqrt(other.rotor_share) * other.frequency == pytest.approx(sqrt(share) * frequency)
     assert other.damping / other.frequency == pytest.approx(0.05 / frequency)
-    assert JointFlexibility(JOINT, frequency).moved("frequency", 9.0) == JointFlexibility(
-        JOINT, 9.0
+
+
+# told by a log
+
+
+def looped(drive: Signal, reference: Motion, bandwidth: float = 6.0) -> State:
+    """The refitted model without any cause, on a log of a closed loop with this drive."""
+    dt = float(reference.t[1] - reference.t[0])
+    law = tune(nominal(RIG), bandwidth_hz=bandwidth, dt=dt).controller
+    log = simulate(nominal(RIG), law, reference, rng=np.random.default_rng(2), drive=(drive,))
+    noise = 2e-3 * np.random.default_rng(4).normal(size=log.q.shape)
+    return refit(replace(log, tau=np.asarray(log.tau) + noise), filtering=DIAGNOSIS_BAND)
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        DeadZone("pan", 0.06),
+        DeadZone("pan", 0.12, 4.0),
+        Saturation("tilt", 0.8, 0, 2.0),
+        Saturation("pan", 0.3, -1),
+    ],
+    ids=str,
+)
+def test_a_drive_without_memory_is_told_with_its_shape(drive: Signal) -> None:
+    state = looped(drive, fourier(RIG, 2, 8.0, 2e-3))
+    best = find_best(state, type(drive), drive.joint)
+    assert form(best) == form(drive)
+    for name in shape_names(best):
+        assert getattr(best, name) == pytest.approx(getattr(drive, name), rel=0.2)
+
+
+def test_a_threshold_explains_more_than_an_edge_though_the_command_crosses_it_all_the_time() -> (
+    None
+):
+    """No edge of a smoothed torque, however sharp, explains as much."""
+    drive = DeadZone("pan", 0.12, whole=True)
+    state = looped(drive, fourier(RIG, 2, 8.0, 2e-3))
+    edge = max(
+        (refined(state, DeadZone("pan", x, 12.0)) for x in (0.1, 0.13)), key=partial(worth, state)
     )
+    left = float(np.sum(state.fit.residual[state.fit.rows(0)] ** 2))
+    assert left - worth(state, drive) < (left - worth(state, edge)) / 2
 
 
-def brisk(joint: int, seed: int, seconds: float, dt: float) -> Motion:
-    """A slow motion of all joints, and fast sines of one."""
-    slow = fourier(RIG, 0, seconds, dt)
-    rng = np.random.default_rng(seed)
-    q, v, a = map(np.array, (slow.q, slow.v, slow.a))
-    for w in 2 * np.pi * np.linspace(1.0, 11.0, 21):
-        size = 0.3 / w**1.5
-        phase = w * slow.t + rng.uniform(0, 2 * np.pi)
-        for x, y in zip((q, v, a), (np.sin(phase), w * np.cos(phase), -w * w * np.sin(phase))):
-            x[:, joint] += size * y
-    return Motion(slow.t, q, v, a)
+def test_a_gap_in_which_the_loop_chatters_is_told_by_every_sample() -> None:
+    """What the rotor crosses under a torque goes by the product of gap and inertia alone."""
+    true = Backlash("pan", 0.012, 0.01)
+    state = looped(true, fourier(RIG, 3, 8.0, 1e-3), 8.0)
+    near = find_best(state, Backlash, "pan").akin(state.problem.evidence.seen[0])
+    found = refined(state, max(near, key=partial(worth, state)))
+    assert isinstance(found, Backlash) and not found.rotor_share
+    assert found.gap * found.inertia == pytest.approx(true.gap * true.inertia, rel=0.03)
 
 
 def test_a_spring_is_found_by_its_zero() -> None:
-    """Simulation and fit are of one formula, with dry friction on the rotor, which turns round and sticks."""
+    """With dry friction on the rotor, which turns round and sticks."""
     true = JointFlexibility(JOINT, 13.0, 0.08, 0.2)
-    controller = tune(nominal(RIG), bandwidth_hz=2.0).controller
-    reference = brisk(RIG.joint_index(JOINT), 5, 6.0, controller.dt)
-    log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
-    problem = Problem.of(gather(RIG, [log], DIAGNOSIS_BAND), reduce_parameters(RIG))
-    seen = problem.evidence.seen[RIG.joint_index(JOINT)]
-    state = solve_causes(problem, (), solve_causes(problem, ()))
+    slow = fourier(RIG, 0, 6.0, 2e-3)
+    w = 2 * np.pi * np.linspace(1.0, 11.0, 21)
+    phase = np.outer(slow.t, w) + np.random.default_rng(5).uniform(0, 2 * np.pi, 21)
+    q, v, a = (np.array(x) for x in (slow.q, slow.v, slow.a))
+    q[:, 1] += np.sin(phase) @ (0.3 / w**1.5)
+    v[:, 1] += np.cos(phase) @ (0.3 / w**0.5)
+    a[:, 1] -= np.sin(phase) @ (0.3 * w**0.5)
+    state = looped(true, Motion(slow.t, q, v, a), 2.0)
+    seen = state.problem.evidence.seen[1]
     found = refined(state, max(JointFlexibility.tried(JOINT, seen), key=partial(worth, state)))
     assert isinstance(found, JointFlexibility)
     stiff, told = (x.frequency / sqrt(1 / x.rotor_share - 1) for x in (true, found))
     assert told == pytest.approx(stiff, rel=0.1)
-
-
-@pytest.mark.parametrize(("stroke", "damping"), [(0.03, 0.2), (0.08, 0.05)])
-def test_damped_bristles_are_recovered(stroke: float, damping: float) -> None:
-    name = RIG.joints[0]
-    term = Term(Presliding(name, stroke, True), (0.1, damping))
-    plain = nominal(RIG)
-    log = prescribed(
-        replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3
-    )
-    problem = Problem.of(
-        gather(RIG, [log], replace(DIAGNOSIS_BAND, alignment=0.0)), reduce_parameters(RIG)
-    )
-    first = solve_causes(problem, (), solve_causes(problem, ()))
-    tried = [refined(first, one) for one in Presliding.tried(name, problem.evidence.seen[0])]
-    found = max(tried, key=partial(worth, first))
-    state = solve_causes(problem, (found,), first)
-    assert isinstance(found, Presliding) and found.damped
-    assert found.stroke == pytest.approx(stroke, rel=0.1)
-    assert state.coefficients(found)[1] == pytest.approx(damping, rel=0.2)
-
-
-@given(st.floats(15, 30), st.floats(0.1, 0.3), st.floats(1.5, 3.0))
-def test_far_under_its_resonance_a_spring_shows_one_figure_of_two(
-    hertz: float, share: float, factor: float
-) -> None:
-    command = np.sin(2 * np.pi * 2.0 * np.arange(2000) / 1000) * np.hanning(2000)
-    other = factor * hertz, 1 / (1 + (1 / share - 1) * factor**2)  # the same (1/r - 1)/ω²
-    one, two = (
-        command - JointFlexibility("pan", f, 0.05, r).acting(command, 1e-3)
-        for f, r in ((hertz, share), other)
-    )
-    assert np.linalg.norm(one - two) < 0.05 * np.linalg.norm(one)
