@@ -65,14 +65,13 @@ def test_the_dominant_input_ranks_first_and_the_worst_are_its_largest(late: Mont
     assert [row["unit"] for row in late.worst] == most and late.worst[0]["delay"] > 0.003
 
 
-@pytest.mark.parametrize("failed", [False, True])
-def test_sobol_indices_of_ishigamis_function(failed: bool) -> None:
-    """``sin a + 7 sin² b + 0.1 c⁴ sin a`` on ±π: Ishigami and Homma, 1990; also where a rig failed."""
+def test_sobol_indices_of_ishigamis_function() -> None:
+    """``sin a + 7 sin² b + 0.1 c⁴ sin a`` on ±π: Ishigami and Homma, 1990; a rig that failed is left out."""
     inputs = ("a", "b", "c")
-    rigs = draw_rigs(inputs, 1024 << failed, seed=3, sobol=True)
+    rigs = draw_rigs(inputs, 2048, seed=3, sobol=True)
     a, b, c = (2 * pi * np.array([rig.probabilities for rig in rigs]) - pi).T
     used = np.sin(a) + 7 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a)
-    used[7] = np.inf if failed else used[7]
+    used[7] = np.inf
     found = rank_influences(inputs, rigs, used, sobol=True)
     assert list(found.index) == ["a", "b", "c"]
     np.testing.assert_allclose(found["first"], [0.3139, 0.4424, 0.0], atol=0.05)
