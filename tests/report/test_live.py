@@ -8,7 +8,6 @@ import re
 import signal
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -21,7 +20,7 @@ import gimbal_pin
 from gimbal_pin.errors import UsageError
 from gimbal_pin.report import view
 from gimbal_pin.report.view import figure
-from tests.browsing import meanwhile, needs_browser, pause, visit
+from tests.browsing import meanwhile, needs_browser, until, visit
 from tests.command_line import heard
 from tests.report.records import clean_log
 from tests.rigs import bundled
@@ -132,29 +131,22 @@ def test_live_answers_without_a_browser_and_gives_up_waiting() -> None:
         answer(live.url)
 
 
+PLAYS = "typeof animator === 'object' && animator.playing"
+"""Whether the page, which is another one for a log, plays it."""
+
+
 @needs_browser
 def test_a_browser_shows_live_poses_and_plays_a_log() -> None:
     rig = bundled("turret")
-    q = np.linspace(0.3, -0.4, rig.n)
-    with view.Live(rig, ghost=True) as live, ThreadPoolExecutor(1) as pool:
-        live.pose(q, -q)
-        waiting = pool.submit(live.wait, 60)
-        still = [
-            f"viewer.scene_tree.find({path.strip('/').split('/')}).object.quaternion.toArray()"
-            for root in ("/meshcat/rig", "/meshcat/ghost")
-            for path in figure.list_scene_paths(rig, root)[2:]
-        ]
-
-        def play() -> None:
-            waiting.result()
-            live.play(clean_log("turret"))
-
-        ends = "[animator.duration, animator.playing]"
-        seen = visit(live.url, pause(1.0), *still, meanwhile(play), pause(1.5), ends)
+    q = np.array([0.3, -0.4])
+    with view.Live(rig) as live:
+        live.pose(q)
+        tip = figure.list_scene_paths(rig, "/meshcat/rig")[2].strip("/").split("/")
+        turn = f"viewer.scene_tree.find({tip}).object.quaternion.toArray()"
+        play = meanwhile(lambda: live.play(clean_log("turret")))
+        seen = visit(live.url, until(f"{turn}[3] < 0.99"), turn, play, until(PLAYS))
         assert (seen.complaints, {*seen.requests}) == ([], {live.url, f"{live.url}news"})
     data = rig.model.createData()
-    for have, sign in zip(seen.values[:2], (1, -1), strict=True):
-        pin.forwardKinematics(rig.model, data, sign * q)
-        want = pin.Quaternion(data.liMi[2].rotation).coeffs()
-        assert abs(np.dot(have, want)) == pytest.approx(1, abs=1e-9)
-    assert seen.values[2] == [pytest.approx(12.0, abs=1e-6), True]
+    pin.forwardKinematics(rig.model, data, q)
+    want = pin.Quaternion(data.liMi[2].rotation).coeffs()
+    assert abs(np.dot(seen.values[0], want)) == pytest.approx(1, abs=1e-9)
