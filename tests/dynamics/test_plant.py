@@ -67,7 +67,6 @@ def test_error_falls_with_the_fourth_power_of_the_step(name: str) -> None:
     state = State(np.full(rig.n, 0.2), v)
     tau = np.full(rig.n, 0.1)
     dry, viscous = rig.friction.T
-    assert dry.all() == (name == "handheld")
 
     def flow(_: float, y: Array) -> Array:
         q, v = np.split(y, 2)
@@ -159,6 +158,13 @@ def test_one_joint_slides_stops_and_sticks_as_on_paper(
     assert after.q[0] == pytest.approx(angle, abs=slack)
     if slide(0.3, v, net, dry, mass, 0.99 * seconds)[1] == rate == 0:
         assert after.v[0] == 0
+
+
+@pytest.mark.parametrize(("share", "moves"), [(1.0, False), (-1.0, False), (1.001, True)])
+def test_breakaway_is_sharp(share: float, moves: bool) -> None:
+    push = np.array([share * 0.25])
+    after = run(rub(known("wheel"), [0.25], [0.0]), State(np.zeros(1), np.zeros(1)), push, 1.0, 100)
+    assert (after.q[0] > 0) == moves and (after.q[0] != 0) == moves
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(COUPLED))

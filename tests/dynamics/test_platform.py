@@ -73,14 +73,13 @@ def test_profile_s_has_its_stated_power_whatever_the_sampling() -> None:
     assert power[inside].sum() > 0.97 * power.sum()
 
 
-def test_the_kind_of_a_motion_is_told_from_it() -> None:
+@pytest.mark.parametrize(("sway", "motion"), [(0.0, "fixed"), (0.01, "rotating")])
+def test_a_slow_sway_is_told_from_a_gyros_noise_and_bias(sway: float, motion: str) -> None:
     t = DT * np.arange(5000)
     noise = np.random.default_rng(0).normal(0, 0.005, (5000, 3))
-    sway = np.outer(0.01 * np.sin(2 * np.pi * t), [1.0, 0.0, 0.0])
-    assert Platform(t, UP + noise, noise + 0.01, 0 * noise).motion == "fixed"
-    assert Platform(t, UP + noise, noise + sway, 0 * noise).motion == "rotating"
+    turns = sway * np.sin(2 * np.pi * t)[:, None]
+    assert Platform(t, UP + noise, 0.01 + noise + turns, 0 * noise).motion == motion
     assert Platform.still(t, 0.05).motion == "tilted"
-    assert profile_s(t, np.random.default_rng(0), size=0.5).motion == "rotating"
 
 
 def test_the_plant_on_a_shaken_platform_converges() -> None:

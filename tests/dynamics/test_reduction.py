@@ -93,6 +93,7 @@ def test_base_parameters_span_what_the_svd_does_and_predict_the_torque_of_any_bo
     mixing = reduction.mixing
     matrix, names = stack_regressors(rig, diagonal, base)
     projector = measure_subspace(matrix)
+    np.testing.assert_array_equal(mixing[:, list(reduction.independent)], np.eye(len(mixing)))
     assert np.trace(projector) == pytest.approx(len(reduction.independent))
     np.testing.assert_allclose(mixing @ projector, mixing, atol=1e-6 * np.abs(mixing).max())
 

@@ -149,6 +149,18 @@ def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it
     assert np.abs(replay(log, np.array(log.tau)) - log.q).max() > 1e-5
 
 
+def test_a_joint_bears_its_load_besides_friction_which_takes_what_it_can_at_rest() -> None:
+    q = np.array([0.2, -0.3])
+    dry, viscous = RIG.friction[1]
+    for rate, torque in ((1.5, 0.3), (-1.5, 0.3), (0.0, 0.0), (0.0, 9.0)):
+        v = np.array([0.4, rate])
+        asked = Model(RIG, ()).inverse(q[None], v[None], NOTHING[None])[0, 1]
+        borne = compute_joint_load(NOMINAL, 1, State(q, v), torque)
+        slides = dry * np.sign(rate) + viscous * rate
+        brake = slides if rate else np.clip(torque - asked, -dry, dry)
+        np.testing.assert_allclose([borne.brake, borne.load], [brake, asked], atol=1e-12)
+
+
 def test_several_causes_act_in_order_and_on_the_joints_that_they_name() -> None:
     texts = ["cogging:pan:amplitude=0.03,harmonic=42", "delay:tilt:time=0.002"]
     texts += ["payload-shift:x=0.003", "dead-zone:tilt:width=0.02", "base-tilt:roll=0.02"]
@@ -157,6 +169,7 @@ def test_several_causes_act_in_order_and_on_the_joints_that_they_name() -> None:
     assert [signal.name for signal in drive] == ["delay", "dead-zone"]
     assert plant.terms == (*NOMINAL.terms, causes[0])
     assert plant.changes == (causes[2], causes[4])
+    assert plant_with(plant, [causes[4]]).plant.changes == (*plant.changes, causes[4])
     with pytest.raises(RigError, match="no joint 'yaw'"):
         plant_with(NOMINAL, [replace(causes[1], joint="yaw")])
 
@@ -173,6 +186,10 @@ def test_a_base_that_sinks_is_a_platform_that_turns() -> None:
     np.testing.assert_allclose(sunk.tau, carried.tau, atol=1e-6)
     assert not sunk.imus and list(carried.imus) == [RIG.base]
     assert np.abs(sunk.tau - run_planted("").tau).max() > 1e-3
+    sinking = plant_with(NOMINAL, [BaseTilt(pitch_rate=0.1)]).plant
+    at = (REFERENCE.q, REFERENCE.v, REFERENCE.a)
+    expected = NOMINAL.inverse(*at, platform=turning.part(slice(0, None, 2)))
+    np.testing.assert_allclose(sinking.inverse(*at, t=REFERENCE.t), expected, atol=1e-9)
 
 
 EFFECTS = [name for name in sorted(SOME) if issubclass(CAUSES[name], Effect)]
@@ -241,6 +258,10 @@ def test_noise_is_drawn_from_the_generator_alone_and_encoders_round() -> None:
     assert np.any(one.tau != other.tau)
     np.testing.assert_allclose(one.q[:, 0] / 0.01, np.round(one.q[:, 0] / 0.01), atol=1e-9)
     assert len(np.unique(one.q[:, 1])) > 900
+    rates = run(NOMINAL, Sensors(NOTHING, sensors.rate_std, NOTHING)).v - run_planted("").v
+    assert rates.std() == pytest.approx(1e-3, rel=0.1)
+    density = Sensors.of(RIG, DT).rate_std * np.sqrt(2 * DT)
+    np.testing.assert_allclose(density, RIG.config.noise.gyro)
     noise = run(NOMINAL, Sensors(NOTHING, NOTHING, sensors.torque_std)).tau - run_planted("").tau
     assert noise.std() == pytest.approx(1e-2, rel=0.1) and abs(noise.mean()) < 1e-3
 
