@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gimbal_pin.dynamics import Model, nominal
+from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import PayloadShift
 from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import (
@@ -20,24 +20,24 @@ from gimbal_pin.identification import (
     write_model,
 )
 from gimbal_pin.log import Log
+from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, prescribed
+from tests.identification.logs import record
 from tests.rigs import bundled
 
 RIG = bundled("turret")
 CHANCE = 0.01
-PLAIN = nominal(RIG)
-MOVED = nominal(PayloadShift(0.02, 0.0, 0.0).apply(RIG))
+MOVED = PayloadShift(0.02, 0.0, 0.0).apply(RIG)
 
 
-def rub(factors: Sequence[Sequence[float]]) -> Model:
-    """Return the rig's model with each joint's Coulomb and viscous friction times a factor."""
-    return nominal(replace(RIG, friction=RIG.friction * np.array(factors)))
+def rub(factors: Sequence[Sequence[float]]) -> Rig:
+    """Return the rig with each joint's Coulomb and viscous friction times a factor."""
+    return replace(RIG, friction=RIG.friction * np.array(factors))
 
 
-def record(models: Sequence[Model], seed: int = 0) -> list[Log]:
-    """Return a log of each model with a motion and noise of its own."""
-    logs = (prescribed(model, 10 * seed + k, 10.0, 0.02, 4e-3) for k, model in enumerate(models))
-    return [replace(log, name=f"log {k}") for k, log in enumerate(logs)]
+def record_each(rigs: Sequence[Rig], seed: int = 0) -> list[Log]:
+    """Return a log of each rig with a motion and noise of its own."""
+    return [record(rig, 10 * seed + k) for k, rig in enumerate(rigs)]
 
 
 def compare(logs: Sequence[Log]) -> Agreement:
@@ -49,7 +49,7 @@ def compare(logs: Sequence[Log]) -> Agreement:
 
 
 def test_logs_of_one_rig_agree_as_often_as_chance_has_it() -> None:
-    each = [compare(record([PLAIN] * 3, seed)) for seed in range(10)]
+    each = [compare(record_each([RIG] * 3, seed)) for seed in range(10)]
     assert not any(one.drifting for one in each)
     p_values = np.array([x.p_value for one in each for x in one.parameters])
     expected = CHANCE * len(p_values)
@@ -58,16 +58,16 @@ def test_logs_of_one_rig_agree_as_often_as_chance_has_it() -> None:
 
 
 def test_friction_of_one_joint_drifts_alone() -> None:
-    falling = compare(record([rub([[1, 1], [1, share]]) for share in (1.0, 0.7, 0.4)]))
+    falling = compare(record_each([rub([[1, 1], [1, share]]) for share in (1.0, 0.7, 0.4)]))
     (drifting,) = falling.drifting
     assert drifting.name == "tilt.Fv"
     assert np.all(np.diff(drifting.values) < 0)
-    worn = compare(record([PLAIN, PLAIN, rub([[1, 1], [1.6, 1.6]])]))
+    worn = compare(record_each([RIG, RIG, rub([[1, 1], [1.6, 1.6]])]))
     assert {one.name for one in worn.drifting} == {"tilt.Fs", "tilt.Fv"}
 
 
 def test_moved_camera_changes_no_friction_in_any_order_of_logs() -> None:
-    logs = record([PLAIN, PLAIN, MOVED])
+    logs = record_each([RIG, RIG, MOVED])
     found = compare(logs)
     assert found.drifting
     assert not any(one.name.endswith((".Fs", ".Fv")) for one in found.drifting)
@@ -89,7 +89,7 @@ def test_payload_swapped_within_a_log_is_suspected(second: str, is_swapped: bool
 
 def test_log_counts_once_whatever_its_name(tmp_path: Path) -> None:
     """Twice in one call, or beside a model that was identified from it."""
-    first, other = record([PLAIN, PLAIN])
+    first, other = record_each([RIG, RIG])
     copy = replace(first, name="copy")
     once, twice = (
         identify(RIG, logs, filtering=EXACT, holdout="none") for logs in ([first], [first, copy])

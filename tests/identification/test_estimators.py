@@ -28,7 +28,7 @@ from gimbal_pin.regression import (
     fit_weighted,
 )
 from tests.bench_logs import prescribed, rows_of
-from tests.identification.moving import carry, list_times, sway
+from tests.identification.logs import carry, list_times, sway
 from tests.rigs import bundled
 
 RIG = bundled("turret", "infrared")

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from gimbal_pin.control import bench_run
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import DataError, GimbalPinError, LogError, UsageError
 from gimbal_pin.identification import (
     ESTIMATORS,
-    Identified,
     identify,
     keep_held_out_accuracy,
     split_logs,
@@ -29,12 +25,6 @@ from tests.rigs import bundled, chain
 TURRET = bundled("turret")
 CLEAN = prescribed(nominal(TURRET), seconds=12.0)
 NOISY = prescribed(nominal(TURRET), seconds=12.0, torque_noise=0.01, dt=2e-3)
-
-
-@cache
-def identify_noisy() -> Identified:
-    """Identify the turret from the noisy log."""
-    return identify(TURRET, [NOISY], filtering=EXACT)
 
 
 @pytest.mark.parametrize(
@@ -77,15 +67,6 @@ def test_motion_to_and_fro_keeps_its_turns() -> None:
     assert min(found.train.used.values()) > 0.6
     assert found.held_out is not None
     assert min(found.held_out.fit_percent.values()) > 99.0
-
-
-def test_lost_samples_do_not_move_the_parameters() -> None:
-    rng = np.random.default_rng(2)
-    keep = np.sort(rng.permutation(len(CLEAN))[: int(0.97 * len(CLEAN))])
-    holed = CLEAN.part(keep[(keep < 4000) | (keep > 4600)])
-    planted = true_theta(TURRET)
-    found = identify(TURRET, [holed], filtering=EXACT).estimate.theta
-    np.testing.assert_allclose(found, planted, atol=2e-3 * np.abs(planted).max())
 
 
 def test_deviations_are_calibrated() -> None:
@@ -147,13 +128,12 @@ def test_logs_that_show_too_little_are_refused(kind: str) -> None:
 
 
 def test_held_out_part_is_last_in_time() -> None:
-    train, test, how = split_logs([CLEAN], None, EXACT)
+    (train,), (test,), how = split_logs([CLEAN], None, EXACT)
     assert how == "last third"
-    assert len(train[0]) + len(test[0]) == len(CLEAN)
-    assert len(train[0]) / len(CLEAN) == pytest.approx(2 / 3, abs=1e-3)
-    assert test[0].t[0] > train[0].t[-1]
-    assert split_logs([CLEAN] * 3, None, EXACT)[2] == "log 3 of 3"
-    assert split_logs([CLEAN] * 3, "log:1", EXACT)[2] == "log 1 of 3"
+    assert len(train) == pytest.approx(2 / 3 * len(CLEAN), rel=1e-3)
+    np.testing.assert_array_equal(np.append(train.t, test.t), CLEAN.t)
+    for asked, how in ((None, "log 3 of 3"), ("log:1", "log 1 of 3")):
+        assert split_logs([CLEAN] * 3, asked, EXACT)[2] == how
     assert split_logs([CLEAN], "none", EXACT)[1] == ()
     for wrong in ("log:4", "log:0", "half"):
         with pytest.raises(UsageError):
@@ -169,33 +149,23 @@ def test_refit_learns_from_all_and_keeps_the_held_out_accuracy() -> None:
     assert np.median(final.estimate.std / held.estimate.std) < 0.9
 
 
-def test_impossible_figures_are_warned_of() -> None:
-    """Friction that drives, and friction under zero by a deviation or two."""
+def test_friction_that_drives_is_warned_of() -> None:
     driven = replace(TURRET, friction=-TURRET.friction)
     log = prescribed(nominal(driven), torque_noise=0.01, dt=4e-3)
     found = identify(TURRET, [log], filtering=EXACT)
     warned = [said.split(" is negative")[0] for said in found.warnings]
     assert warned == [name for name in found.names if name.endswith((".Fs", ".Fv"))]
-    good = identify_noisy()
-    assert good.warnings == ()
-    k = good.names.index("tilt.Fv")
-    theta = good.estimate.theta.copy()
-    theta[k] = -1.5 * good.estimate.std[k]
-    vague = replace(good, estimate=replace(good.estimate, theta=theta)).warnings
-    assert any(said.startswith("undetermined") and "tilt.Fv (-" in said for said in vague)
+    assert identify(TURRET, [NOISY], filtering=EXACT).warnings == ()
 
 
-@given(st.integers(2, 9), st.integers(80, 1000), st.integers(1, 3000))
-def test_excerpt_stands_for_the_whole_log(count: int, length: int, more: int) -> None:
+@pytest.mark.parametrize(("count", "length", "samples"), [(2, 80, 321), (9, 500, 31_000)])
+def test_excerpt_stands_for_the_whole_log(count: int, length: int, samples: int) -> None:
     """Segments in order, as long as asked, evenly over the log with both ends."""
-    dt = 0.005
-    samples = 2 * count * length + more
-    t = dt * np.arange(samples)
+    t = 0.005 * np.arange(samples)
     log = Log("even", ("a",), t, t[:, None])
-    found = subsample_log(log, count * length * dt, count).log
-    rows = np.round(found.t / dt).astype(int).reshape(count, length)
+    found = subsample_log(log, count * length * 0.005, count).log
+    rows = np.round(found.t / 0.005).astype(int).reshape(count, length)
     np.testing.assert_array_equal(np.diff(rows), 1)
     assert (rows[0, 0], rows[-1, -1]) == (0, samples - 1)
     assert np.ptp(rows[1:, 0] - rows[:-1, -1]) <= 1
-    short = log.part(slice(0, 2 * count * length))
-    assert subsample_log(short, count * length * dt, count).log is short
+    assert subsample_log(log, samples * 0.005, count).log is log

@@ -28,12 +28,8 @@ from gimbal_pin.log import Array, Log, write_log
 from gimbal_pin.rig import Rig, find_payload
 from tests.bench_logs import EXACT, prescribed
 from tests.command_line import Run, refused, result
+from tests.identification.logs import record
 from tests.rigs import bundled
-
-
-def record(rig: Rig, seed: int, seconds: float = 14.0) -> Log:
-    """Return a log with torque noise of 2 %."""
-    return prescribed(nominal(rig), seed, seconds=seconds, torque_noise=0.02, dt=4e-3)
 
 
 @cache
@@ -153,21 +149,17 @@ def test_known_gimbal_is_no_truth_where_the_log_contradicts_it(off: str) -> None
     assert warned == (off != "nothing")
 
 
-@pytest.mark.parametrize("at_once", [True, False])
-def test_camera_is_no_surer_than_the_one_it_is_measured_against(at_once: bool) -> None:
+def test_camera_is_no_surer_than_the_one_it_is_measured_against() -> None:
     """The first camera is millimetres off its URDF."""
-    rigs = {payload: bundled("turret", payload) for payload in ("mirrorless", "zoom-lens")}
-    first, second = rigs.values()
+    first, second = (bundled("turret", payload) for payload in ("mirrorless", "zoom-lens"))
     wrong = record(PayloadShift(0.004, -0.003, 0.002).apply(first), 1)
-    if at_once:
-        logs = {"mirrorless": [wrong], "zoom-lens": [record(second, 2)]}
-        found = identify_several(rigs, logs, filtering=EXACT)
-    else:
-        found = find_new(second, identify(first, [wrong], filtering=EXACT), 2)
+    found = find_new(second, identify(first, [wrong], filtering=EXACT), 2)
     assert np.abs(score(found, "zoom-lens", second)).max() < 4
     assert any("with mirrorless is not as the URDFs say" in said for said in found.warnings)
     right = find_new(second, find_first("turret", "mirrorless"), 2)
     assert not any("URDFs say" in said for said in right.warnings)
+    bare = find_several("turret", ("cinema", "none")).first
+    assert find_new(second, bare).payloads["zoom-lens"].beside is None
 
 
 def add_teeth(rig: Rig, harmonic: int, seed: int, seconds: float) -> Log:
@@ -223,51 +215,22 @@ def test_known_model_without_uncertainty_or_of_another_rig_is_refused() -> None:
 
 
 def test_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_path: Path) -> None:
-    """A camera that no YAML names comes from a file; partly tagged logs are refused."""
-    (tmp_path / "first.urdf").write_text(Path(find_payload("mirrorless")).read_text())
-    cameras = {
-        "mirrorless": str(tmp_path / "first.urdf"),
-        "cinema": "cinema",
-        "zoom-lens": "zoom-lens",
-    }
-    for k, camera in enumerate(cameras):
-        write_log(record(bundled("turret", camera), k, 12.0), tmp_path / f"{camera}.csv")
-    tagged = [f"{tmp_path}/{camera}.csv@{tag}" for camera, tag in cameras.items()]
+    """A camera that no YAML names comes from a file, which the model of it needs."""
+    first = tmp_path / "first.urdf"
+    first.write_text(Path(find_payload("mirrorless")).read_text())
+    tags = [str(first), "cinema", "zoom-lens"]
+    for k, tag in enumerate(tags):
+        write_log(record(Rig.load("turret", tag), k, 12.0), tmp_path / f"{k}.csv")
+    tagged = [f"{tmp_path}/{k}.csv@{tag}" for k, tag in enumerate(tags)]
     model = tmp_path / "model.yaml"
     urdf = tmp_path / "new.urdf"
     call = ("identify", "turret", "--alignment", "0")
-    both = result(run, *call, *tagged[:2], "-o", model)
-    assert set(both["payloads"]) == {cameras["mirrorless"], "cinema"}
-    third = result(run, *call, tagged[2], "--known", model, "--urdf", urdf, "--mass", "1.5")
-    assert third["payloads"]["zoom-lens"]["given_model"]["camera"]["weighed"]
+    assert set(result(run, *call, *tagged[:2], "-o", model)["payloads"]) == set(tags[:2])
+    assert run(*call, tagged[2], "--known", model, "--urdf", urdf)[0] == 0
     true = bundled("turret", "zoom-lens")
     reduction = reduce_parameters(true)
-    planted = given_beta(true, reduction)
     written = given_beta(Rig.load(urdf), reduction)
-    np.testing.assert_allclose(written, planted, rtol=0.05, atol=5e-4)
-    untagged = f"{tmp_path}/cinema.csv"
-    refused(run(*call, tagged[0], untagged), 2, "tag each of them")
-    refused(run(*call, *tagged[:2], "--urdf", urdf), 2, "--urdf")
-    (tmp_path / "first.urdf").unlink()
+    np.testing.assert_allclose(written, given_beta(true, reduction), rtol=0.05, atol=5e-4)
+    refused(run(*call, tagged[0], tmp_path / "1.csv"), 2, "tag each of them")
+    first.unlink()
     refused(run(*call, tagged[2], "--known", model), 2, "payload first")
-
-
-@pytest.mark.parametrize("name", ["turret", "ptu"])
-def test_place_is_a_function_of_a_mass_that_does_not_show(name: str) -> None:
-    """The first moment is that of the stated mass, see `per_mass`; a mass that was weighed ends it."""
-    way = (0.002, -0.0015, 0.001)
-    rig = bundled(name, "zoom-lens")
-    stated = float(get_stated_payload(rig)[0])
-    true = PayloadMass(0.1 * stated).apply(PayloadShift(*way).apply(rig))
-    found = find_new(true, find_first(name, "mirrorless"), given=rig)
-    mass = 1.1 * stated
-    for weighed in (None, mass):
-        apart = replace(found, mass=weighed).payloads["zoom-lens"].apart
-        assert apart is not None
-        change = apart.shift.change
-        if weighed is None:
-            assert not apart.found_mass
-            change = change + apart.per_mass * (mass - stated) * stated / mass
-        shown = np.array(apart.shift.axes)
-        assert shown.any()
-        assert np.all(np.abs(change - way)[shown] < 3 * apart.shift.std[shown])

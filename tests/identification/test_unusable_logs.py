@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,37 +13,23 @@ import numpy as np
 import pytest
 
 from gimbal_pin.dynamics import nominal
-from gimbal_pin.effects import Cogging
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.identification import Online, identify, identify_new, identify_several
 from gimbal_pin.log import Array, Log, log_columns, write_log
 from gimbal_pin.log.io.csv import write_csv
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig
-from tests.bench_logs import fourier
 from tests.command_line import Run, refused, result
+from tests.identification.logs import record
 from tests.rigs import bundled
 
 DT = 4e-3
 PAYLOADS = ("infrared", "none")
-FEW = {"cogging": Cogging}
-
-
-@cache
-def record(rig: Rig, seed: int, seconds: float = 14.0) -> Log:
-    """Return a log of a held torque, half a sample after the angles, with a bench's noise."""
-    motion = fourier(rig, seed, seconds, DT / 2)
-    rng = np.random.default_rng(seed)
-    tau = nominal(rig).inverse(motion.q, motion.v, motion.a)[1::2]
-    q, v, t = (x[::2][: len(tau)] for x in (motion.q, motion.v, motion.t))
-    tau = tau + 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
-    step = 2 * np.pi / 2**16
-    v = v + 1e-3 * rng.standard_normal(v.shape)
-    return Log(f"log {seed}", rig.joints, t, step * np.round(q / step), v, tau)
 
 
 TURRET = bundled("turret")
 THESIS = bundled("thesis")
+DRONE = bundled("drone")
 LOG = record(TURRET, 1)
 
 
@@ -101,48 +85,42 @@ def test_data_that_cannot_answer_are_never_given_a_cause(
 
 # --- Columns that were mixed up --------------------------------------------------------------------------
 
-Mix = Callable[[Mapping[str, Array]], dict[str, Array]]
-
-
-def exchange(kinds: tuple[str, ...], one: str, other: str) -> Mix:
-    """Return what exchanges columns of two joints."""
-    pairs = {f"{kind}_{one}": f"{kind}_{other}" for kind in kinds}
-    pairs |= {value: key for key, value in pairs.items()}
-    return lambda columns: {key: columns[pairs.get(key, key)] for key in columns}
-
-
-def scale(factor: float, joint: str = "") -> Mix:
-    """Return what multiplies the torques of a joint, or of all."""
-    return lambda columns: {
-        key: x * factor if key.startswith(f"tau_{joint}") else x for key, x in columns.items()
-    }
-
-
-MIXED: dict[str, tuple[Rig, Mix, str]] = {
-    "a sign": (THESIS, scale(-1, "roll"), "tau_roll has the wrong sign"),
-    "all signs": (TURRET, scale(-1), "tau_pan and tau_tilt have the wrong sign"),
-    "two torques": (TURRET, exchange(("tau",), "pan", "tilt"), "hold each other's torque"),
+MIXED: dict[str, tuple[Rig, dict[str, tuple[str, float]], str]] = {
+    "a sign": (THESIS, {"tau_roll": ("tau_roll", -1)}, "tau_roll has the wrong sign"),
+    "two torques": (
+        TURRET,
+        {"tau_pan": ("tau_tilt", 1), "tau_tilt": ("tau_pan", 1)},
+        "hold each other's torque",
+    ),
     "two joints": (
         THESIS,
-        exchange(("q", "dq", "tau"), "yaw", "roll"),
+        {
+            f"{kind}_{joint}": (f"{kind}_{other}", 1)
+            for kind in ("q", "dq", "tau")
+            for joint, other in (("yaw", "roll"), ("roll", "yaw"))
+        },
         "yaw, roll have changed places",
     ),
-    "a unit": (bundled("drone"), scale(1e3), "times the motor's"),
+    "a unit": (
+        DRONE,
+        {f"tau_{joint}": (f"tau_{joint}", 1e3) for joint in DRONE.joints},
+        "times the motor's",
+    ),
 }
+"""Rig, what columns hold instead, and what is said."""
 
 
 @pytest.mark.parametrize("kind", MIXED)
 def test_printed_map_corrects_columns_that_were_mixed_up(
     run: Run, kind: str, tmp_path: Path
 ) -> None:
-    """Every column has a name, unit and sign of its own, which a mapping states before."""
-    rig, mix, words = MIXED[kind]
-    columns = mix(log_columns(record(rig, 3)))
-    factors = {key: 0.5 * (-1.0) ** k if k else 1.0 for k, key in enumerate(columns)}
-    heads = {key: f"axis {k} {key.split('_')[0]}*" for k, key in enumerate(columns)}
+    """A mapping that was given before is taken into account."""
+    rig, mixed, words = MIXED[kind]
+    columns = log_columns(record(rig, 3))
+    wrong = {key: factor * columns[source] for key, (source, factor) in mixed.items()}
     path = tmp_path / "x.csv"
-    write_csv({heads[key]: x / factors[key] for key, x in columns.items()}, path)
-    maps = [f'--map={key}="{heads[key]}"*{factors[key]}' for key in columns]
+    write_csv({f"my {key}": x / 2 for key, x in (columns | wrong).items()}, path)
+    maps = [f'--map={key}="my {key}"*2' for key in columns]
     code, _, err = run("identify", rig.name, path, *maps)
     error = err.splitlines()[-1]
     assert code == 2
@@ -204,10 +182,9 @@ def test_late_torque_is_refused_with_the_time_that_corrects_it(
     write_log(delay(record(rig, 1), by), path)
     code, _, err = run("identify", rig.name, path)
     assert (code, err.count("\n")) == (2, 1)
-    size, when = re.findall(r"are (\S+) ms (late|early): ", err)[0]
+    ((size, when, alignment),) = re.findall(r"(\S+) ms (late|early): .*--alignment (\S+)", err)
     assert float(size) == pytest.approx(1e3 * abs(by), abs=3)
     assert when == ("late" if by > 0 else "early")
-    (alignment,) = re.findall(r"--alignment (\S+)", err)
     assert run("identify", rig.name, path, f"--alignment={alignment}")[0] == 0
     out = tmp_path / "found.json"
     assert run("diagnose", rig.name, path, "--json", out)[0] == 0

@@ -62,17 +62,6 @@ def test_lag_of_each_joint_is_found_and_takes_nothing_for_friction() -> None:
     assert np.abs(blind_z).max() > 4.0
 
 
-def test_torque_that_never_changes_leaves_the_lag_as_it_was() -> None:
-    """Its deviation is that of before, and adds none to the parameters."""
-    still = [block._replace(slope=0 * block.slope) for block in compute_rows(0.0)]
-    alone = fit_weighted(still)
-    _, spread = fit_lags(still, np.zeros(2))
-    std = np.sqrt(np.diag(spread))
-    np.testing.assert_allclose(std, np.hypot(LAG_DEVIATION, LAG_SPREAD), rtol=1e-6)
-    wide = add_lag_spread(still, alone, spread)
-    np.testing.assert_allclose(wide.covariance, alone.covariance)
-
-
 def test_joint_that_shows_no_lag_takes_that_of_the_others() -> None:
     """Shrunk by what one drive may differ, and known less well, but better than beforehand."""
     (blocks,), _ = align_rows([compute_rows(4e-3)])

@@ -1,12 +1,18 @@
-"""Logs of a rig whose base moves."""
+"""Logs of prescribed motions: with noise, and of a rig whose base moves."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from gimbal_pin.dynamics import Model
+from gimbal_pin.dynamics import Model, nominal
 from gimbal_pin.log import Array, Imu, Log, Platform
-from tests.bench_logs import fourier
+from gimbal_pin.rig import Rig
+from tests.bench_logs import fourier, prescribed
+
+
+def record(rig: Rig, seed: int, seconds: float = 14.0) -> Log:
+    """Return a log with torque noise of 2 %."""
+    return prescribed(nominal(rig), seed, seconds, torque_noise=0.02, dt=4e-3)
 
 
 def list_times(seconds: float) -> Array:
