@@ -58,14 +58,6 @@ def test_the_delay_of_a_slow_log_is_the_one_that_identify_fits() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="a delay of 17 ms and a dead-zone, both named")
-def test_a_gap_before_the_link_is_found() -> None:
-    log = run(("backlash:pan:gap=0.02,inertia=0.005,rotor_share=0.3",))
-    found = diagnose(RIG, log, few("backlash", "delay", "dead-zone"))
-    assert [one.cause for one in found.findings] == ["backlash"]
-
-
-@pytest.mark.slow
 @pytest.mark.xfail(
     strict=True, reason="a power of 1.75 passes for viscous friction: Stribeck's alone is named"
 )

@@ -18,7 +18,7 @@ from gimbal_pin.identification import read_model
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
-from tests.diagnosis.cases import CASES, detent, few, found, log_of, motion, notch, push, run
+from tests.diagnosis.cases import CASES, detent, few, found, log_of, notch, push
 from tests.refitted import ALIGNED, RIG, record
 
 HIDING = [name for name, case in CASES.items() if case.planted]
@@ -52,6 +52,7 @@ def test_a_finding_explains_torque_that_no_fit_has_seen(case: str) -> None:
     shares = [one.explained_share for one in said.findings]
     assert shares == sorted(shares, reverse=True)
     assert not any(opinion.is_open for opinion in said.opinions.values())
+    assert json.loads(json.dumps(said.to_dict()))["verdict"] == said.verdict
 
 
 def test_nothing_is_extended_where_nothing_is_found() -> None:
@@ -59,13 +60,6 @@ def test_nothing_is_extended_where_nothing_is_found() -> None:
     assert not said.is_extended and said.baseline == said.extended
     assert said.candidate is None and not said.unexplained
     assert all(0 < limit < 0.05 for limit in said.detection_limit.values())
-
-
-def test_a_drags_power_and_size_are_known_as_far_as_each_other() -> None:
-    (one,) = found("drag").findings
-    size = {p.name: p for p in one.parameters}
-    assert abs(size["power"].value - 2.3) < 3 * size["power"].std < 1.0
-    assert abs(size["drag"].value - 0.06) < 3 * size["drag"].std < 0.06
 
 
 def test_probabilities_of_findings_and_rivals_are_of_one() -> None:
@@ -81,16 +75,6 @@ def test_probabilities_of_findings_and_rivals_are_of_one() -> None:
     assert first.status == "named" and first.probability > 0.95 * LISTED
     listed = said.to_dict()["causes"]
     assert listed[0]["probability"] == max(one.probability for one in said.findings)
-
-
-def test_json_holds_what_is_said() -> None:
-    said = found("bias")
-    data = json.loads(json.dumps(said.to_dict()))
-    (one,) = data["findings"]
-    assert {"torque-bias", "asymmetric-friction"} <= set(one["class"]) and one["next_experiment"]
-    assert data["verdict"] == said.verdict and data["rig"] == RIG.name
-    assert data["detection_limit"] == said.detection_limit
-    assert data["residual"]["pan"]["opinion"] == said.opinions["pan"].value
 
 
 @pytest.mark.parametrize("case", ["teeth and breakaway", "cable", "delay", "detent"])
@@ -120,11 +104,13 @@ def test_the_unit_of_torque_changes_no_finding() -> None:
 
 def test_more_noise_makes_nobody_surer() -> None:
     """Names go, and none come; deviations and what would be found grow."""
-    log = log_of("teeth and breakaway")
+    log = log_of("ripple")
+    causes = few(*CASES["ripple"].causes)
     noise = np.random.default_rng(9).standard_normal(log.q.shape)
-    said = [diagnose(RIG, replace(log, tau=log.tau + x * noise), few(*FEW)) for x in (0, 0.02, 0.3)]
+    logs = [replace(log, tau=log.tau + size * noise) for size in (0.02, 0.5)]
+    said = [found("ripple"), *(diagnose(RIG, one, causes) for one in logs)]
     named = [{(one.cause, one.joint) for one in each.findings} for each in said]
-    assert named[0] >= named[1] >= named[2] == set() and ("cogging", "pan") in named[1]
+    assert named[0] == named[1] == {("torque-ripple", "tilt")} and not named[2]
     sizes = [each.findings[0].parameters[0].std for each in said[:2]]
     assert sizes[1] > sizes[0]
     limits = [list(each.detection_limit.values()) for each in said]
@@ -196,31 +182,6 @@ def test_a_detent_has_no_name_and_its_curve_lies_within_its_band() -> None:
     assert not table(np.array([knots[0] - step, knots[-1] + step, -9.0, 9.0])).any()
 
 
-@pytest.mark.parametrize("harmonic", [2, 4])
-def test_a_harmonic_on_part_of_a_turn_is_found_with_its_size(harmonic: int) -> None:
-    """Of harmonics that the travel does not part, any may be told: the size's deviation holds the others' sizes."""
-    short = replace(motion(), q=0.35 * motion().q, v=0.35 * motion().v, a=0.35 * motion().a)
-    text = f"position-dependent-friction:tilt:amplitude=0.02,harmonic={harmonic}"
-    (one,) = diagnose(
-        RIG, run((text,), reference=short), few("position-dependent-friction")
-    ).findings
-    size = one.parameters[0]
-    assert abs(size.value - 0.02) < 3 * size.std
-
-
-def test_what_a_small_motion_hides_is_untestable() -> None:
-    """Within a third of a radian gravity hides most of a bias."""
-    middle = motion().q.mean(axis=0)
-    size = 0.3 / np.abs(motion().q - middle).max(axis=0)
-    small = replace(
-        motion(), q=(motion().q - middle) * size, v=motion().v * size, a=motion().a * size
-    )
-    log = run(("torque-bias:tilt:bias=0.05",), reference=small)
-    said = diagnose(RIG, log, few("torque-bias", "base-tilt", "cable-spring"))
-    assert not said.findings
-    assert ("torque-bias", "tilt") in {(row.cause, row.joint) for row in said.untestable}
-
-
 def test_one_weak_motor_is_told_and_not_all_others_at_the_reciprocal() -> None:
     """``g`` at one joint and ``1/g`` at all others are the same log: the fewest are told."""
     rig = Rig.load("thesis")
@@ -259,20 +220,11 @@ def test_a_log_that_cannot_answer_is_refused(kind: str) -> None:
         diagnose(RIG, log, few(*FEW))
 
 
-def test_noise_in_every_channel_is_never_named() -> None:
-    log = log_of("nothing")
-    draw = np.random.default_rng(0).standard_normal((3, *log.q.shape))
-    said = diagnose(RIG, replace(log, tau=0.3 * draw[0], q=0.5 * draw[1], v=draw[2]), few(*FEW))
-    assert not said.findings and said.verdict in ("nothing", "data")
-
-
-@pytest.mark.parametrize(("name", "rate"), [("turret", 30), ("thesis", 50)])
-def test_a_log_of_a_low_rate_is_diagnosed_in_a_band_that_it_has(name: str, rate: int) -> None:
-    rig = Rig.load(name)
-    log = prescribed(nominal(rig), 3, 20.0, torque_noise=0.01, dt=1.0 / rate)
-    said = diagnose(rig, log, few("stribeck", "torque-bias"))
+def test_a_log_of_a_low_rate_is_diagnosed_in_a_band_that_it_has() -> None:
+    log = prescribed(nominal(RIG), 3, 20.0, torque_noise=0.01, dt=1.0 / 30)
+    said = diagnose(RIG, log, few("stribeck", "torque-bias"))
     assert not said.spoiling and not said.findings
-    assert said.held is not None and said.held.band == pytest.approx(rate / 10)
+    assert said.held is not None and said.held.band == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("sizes", [(0.2, 0.2, 0.2), (0.2, 0.2, -0.2)])

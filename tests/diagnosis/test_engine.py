@@ -191,20 +191,3 @@ def test_a_quiet_motion_tells_the_inertia_and_a_shaken_one_does_not(
     for cause in (springy, Armature("swing"), TorqueGain("swing"), Delay("swing", 0.01)):
         hidden = shaken > 0 and not isinstance(cause, Delay)
         assert is_hidden_by_noise(found.state, cause) == hidden
-
-
-def test_what_a_spring_takes_off_the_noise_of_an_acceleration_is_no_spring() -> None:
-    """A slow motion whose rates are noisy, and nothing in it: a spring would smooth what is known of the motion."""
-    rng = np.random.default_rng(0)
-    t = DT * np.arange(5000)
-    w = np.array([[1.38, 2.28], [2.62, 3.2]])[:, None]
-    size = np.array([0.125, 0.0875])
-    phase = t[:, None] * w
-    q = np.sum(size * np.sin(phase), axis=0)
-    v = np.sum(size * w * np.cos(phase), axis=0)
-    a = np.sum(-size * w**2 * np.sin(phase), axis=0)
-    tau = nominal(RIG).inverse(q, v, a) + 3e-3 * rng.standard_normal(q.shape)
-    v = v + 1e-3 * rng.standard_normal(q.shape)
-    log = Log("log", RIG.joints, t, q, v, tau)
-    found = explain(gather(RIG, [log], ALIGNED), reduce_parameters(RIG), few("joint-flexibility"))
-    assert not found.state.causes

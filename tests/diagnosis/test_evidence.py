@@ -12,7 +12,7 @@ from gimbal_pin.diagnosis.reversals import find_shifts, open_turns
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Presliding, Term
 from gimbal_pin.log import Array, Log, Motion
-from tests.diagnosis.cases import few, log_of
+from tests.diagnosis.cases import few
 from tests.refitted import ALIGNED, RIG, plant, refit
 from tests.rigs import spelled
 
@@ -30,16 +30,6 @@ def test_white_torque_noise_becomes_rows_of_unit_noise() -> None:
     found = gather(RIG, [still], DIAGNOSIS_BAND)
     white = found.whiten_all(found.torque)[40:-40]
     np.testing.assert_allclose(np.var(white, axis=0), 0.875, atol=0.12)
-
-
-def test_whitening_is_linear_and_the_motion_shakes_a_share_of_the_noise() -> None:
-    found = gather(RIG, [log_of("nothing")], DIAGNOSIS_BAND)
-    rng = np.random.default_rng(0)
-    a, b = ([rng.standard_normal(len(part.gate)) for part in found.parts] for _ in range(2))
-    both = found.whiten([2.0 * x - y for x, y in zip(a, b)], 1)
-    np.testing.assert_allclose(both, 2.0 * found.whiten(a, 1) - found.whiten(b, 1), atol=1e-9)
-    for part in found.parts:
-        assert np.all((part.shaken >= 0) & (part.shaken * part.whitener**2 <= 1))
 
 
 # the band

@@ -29,7 +29,7 @@ def load(name: str, inertia: str = "trusted") -> Rig:
 
 def record(rig: Rig, *planted: str) -> Log:
     model = plant_with(nominal(rig), [parse_effect(one, rig) for one in planted]).plant
-    return prescribed(model, 6, seconds=16.0, torque_noise=0.02, dt=0.004)
+    return prescribed(model, 6, seconds=12.0, torque_noise=0.02, dt=0.004)
 
 
 def examine(rig: Rig, *planted: str) -> Diagnosis:
@@ -60,18 +60,6 @@ def test_what_is_planted_in_a_trusted_urdf_is_found(name: str, planted: tuple[st
                 assert told[figure].value == pytest.approx(float(value), abs=4 * told[figure].std)
         for error in ("torque_rmse", "rollout_rmse"):
             assert one.gain[f"{error}_after"] < 0.8 * one.gain[f"{error}_before"]
-
-
-def test_products_of_a_link_and_of_its_payload_are_one_cause() -> None:
-    """Of a payload that is not mounted turned their sums show."""
-    both = "off-diagonal-inertia:tilt:Ixy=0.0008,Ixz=0.0006,payload_Ixy=-0.0004,payload_Iyz=-0.0007"
-    (one,) = examine(load("handheld"), both).findings
-    told = {p.name.removeprefix("payload_"): 0.0 for p in one.parameters}
-    for p in one.parameters:
-        told[p.name.removeprefix("payload_")] += p.value
-    most = max(p.std for p in one.parameters)
-    for name, value in {"Ixy": 0.0004, "Ixz": 0.0006, "Iyz": -0.0007}.items():
-        assert told[name] == pytest.approx(value, abs=4 * most)
 
 
 def test_the_diagnosis_says_of_the_payload_what_identify_says() -> None:

@@ -70,7 +70,7 @@ def begun(planted: str) -> tuple[Log, Diagnosis]:
 def design(found: Diagnosis, planted: str) -> NextExperiment:
     causes = few(*PAIRS[planted][:2])
     plan = next_experiment(
-        found, causes, rng=np.random.default_rng(3), seconds=30.0, tries=8, dt=DT
+        found, causes, rng=np.random.default_rng(3), seconds=30.0, tries=5, dt=DT
     )
     assert plan is not None
     return plan

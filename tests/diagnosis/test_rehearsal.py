@@ -10,7 +10,6 @@ import pytest
 
 from gimbal_pin.diagnosis import Diagnosis, Rehearsal, Rehearsed, diagnose, rehearse
 from gimbal_pin.effects import CAUSES, Term, parse_effect
-from gimbal_pin.log import Motion
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 from tests.diagnosis.cases import DT, few
@@ -72,15 +71,6 @@ def test_what_a_log_cannot_tell_apart_or_show_is_said_beforehand() -> None:
     hidden = row(rehearsed(), "encoder-offset")
     assert (hidden.seen_from, hidden.shown) == (None, 0)
     assert hidden.why == CAUSES["encoder-offset"].hidden
-
-
-def test_a_slow_motion_hides_what_grows_with_the_rate() -> None:
-    """At 1/200 of the rate drag is 1/2800 or less: to show, it would have to stop the motor below its limit of rate."""
-    slow = Motion(10 * MOTION.t, MOTION.q / 20, MOTION.v / 200, MOTION.a / 2000)
-    found = rehearse(RIG, slow, few("quadratic-drag", "torque-bias"), rng=0)
-    assert row(found, "torque-bias").seen_from is not None
-    drag = row(found, "quadratic-drag")
-    assert drag.seen_from is None and drag.why is not None
 
 
 def test_noise_hides_in_proportion() -> None:

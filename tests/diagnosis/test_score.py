@@ -9,22 +9,18 @@ from hypothesis import strategies as st
 
 from gimbal_pin.control import perturbed
 from gimbal_pin.diagnosis import Columns, Fit, diagnose, fit, gained, solve_causes
-from gimbal_pin.diagnosis.uncertainty import cluster_covariance, estimate_figures
+from gimbal_pin.diagnosis.uncertainty import estimate_figures
 from gimbal_pin.dynamics import plant_with, reduce_parameters
 from gimbal_pin.effects import (
     Backlash,
-    Cogging,
     Coulomb,
-    PositionDependentFriction,
-    Term,
     parse_effect,
 )
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array
 from gimbal_pin.rig import make_generator
-from tests.candidates import measure
 from tests.diagnosis.cases import few, log_of
-from tests.refitted import ALIGNED, RIG, first, record, refit
+from tests.refitted import ALIGNED, RIG, record, refit
 
 ROWS = 1200
 SEEDS = st.integers(0, 2**32 - 1)
@@ -99,35 +95,7 @@ def test_friction_over_the_angle_gains_the_same_however_much_coulomb_friction_it
     assert gain(held, None) == 0.0, "a torque of its own of that size works but against the model"
 
 
-def test_only_friction_shares_with_friction_and_may_be_larger_than_the_torque() -> None:
-    """A cosine of seven times the largest torque, about its top, beside Coulomb friction as large against it."""
-    wave = PositionDependentFriction("tilt", (1.0,))
-    (part,) = first().problem.evidence.parts
-    q = part.channels.q[:, 1]
-    top = (np.max(q) + np.min(q)) / 2
-    values = (-40.0 * float(np.cos(top)), -40.0 * float(np.sin(top)))
-    state = first(Term(wave, values), Term(Coulomb("tilt"), (40.1,)))
-    found = measure(state, wave)
-    assert 6 * state.problem.evidence.seen[1].peak < 40.0
-    assert found.gain > 0 and found.beta == pytest.approx(values, rel=0.02)
-    assert state.columns(Cogging("tilt", (3.0,))).shared is None
-
-
 # deviations
-
-
-@given(SEEDS)
-def test_a_further_clustering_only_adds_doubt_and_the_order_of_rows_says_nothing(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    basis = np.linalg.qr(rng.normal(size=(60, 4)))[0]
-    residual = rng.normal(size=60)
-    labels = [rng.permutation(60) % 6 for _ in range(3)]
-    every = cluster_covariance(basis, residual, labels, 2)
-    more = every - cluster_covariance(basis, residual, labels[:1], 2)
-    assert np.linalg.eigvalsh(more).min() > -1e-9 * np.trace(every)
-    turn = rng.permutation(60)
-    turned = cluster_covariance(basis[turn], residual[turn], [label[turn] for label in labels], 2)
-    assert turned == pytest.approx(every, rel=1e-9)
 
 
 def test_of_two_shapes_of_which_only_the_product_matters_neither_has_a_deviation() -> None:

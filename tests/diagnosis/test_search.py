@@ -117,19 +117,6 @@ def test_a_short_range_makes_causes_alike(
     assert (rival in cause.blurred(seen)) == alike
 
 
-@pytest.mark.parametrize("travel", [0.0, 0.3, 2.0, 7.0])
-def test_harmonics_that_a_travel_does_not_part_are_few_and_within_its_resolution(
-    travel: float,
-) -> None:
-    """Each at most half a period of the travel away, at most eight of them, and none over a turn."""
-    found = Cogging("pan", (3.0, 40.0)).akin(SEEN._replace(travel=travel))
-    assert len(found) <= 16 and bool(found) == (0 < travel < 3.2)
-    for one in found:
-        (moved,) = set(one.pieces) - {3.0, 40.0}
-        (left,) = {3.0, 40.0} - set(one.pieces)
-        assert moved == round(moved) and abs(moved - left) * travel <= np.pi
-
-
 # shapes
 
 
