@@ -124,13 +124,14 @@ def test_the_worst_margin_is_that_of_the_drawn_inertias() -> None:
     """With pan's inertia known to σ, the largest of 200 draws are about 2.75 σ off."""
     model = nominal(bundled("turret", "none"))
     least = see_inertia(model, sample_poses(model.rig)[0])[:, 0].min()
-    variances = (0.1 * least) ** 2 * np.eye(len(name_parameters(model)))[0]
+    variances = (0.2 * least) ** 2 * np.eye(len(name_parameters(model)))[0]
     tuning = tune(estimated(model, np.diag(variances)), disk_margin=0.8)
     low, _, high = tuning.ratios[0]
-    assert (1 / low, 1 / high) == pytest.approx((1.275, 0.725), abs=0.06)
+    assert (1 / low, 1 / high) == pytest.approx((1.55, 0.45), abs=0.12)
     weak, strong = (compute_margins(tuning.gains[0], DT, DT, ratio) for ratio in (low, high))
     assert tuning.worst[0].disk_margin == min(weak.disk_margin, strong.disk_margin)
     assert tuning.worst[0].crossover_hz == strong.crossover_hz
+    assert "pan" in tuning.doubts[0]  # its inertia may be half of what is believed
 
 
 def test_a_pid_has_the_worst_margins_of_its_poses() -> None:
@@ -164,8 +165,6 @@ def test_a_doubtful_model_is_told_and_refused_only_what_was_asked_for() -> None:
     assert has(unsure, ReasonKind.PID_SAFER)
     assert unsure.doubts
     assert has(tuned(3.0), ReasonKind.UNCERTAIN)
-    for joint, ratios in zip(("pan", "tilt"), unsure.ratios):
-        assert (joint in str(unsure.doubts)) == (max(ratios) >= 2)
     with pytest.raises(UsageError, match="disk_margin"):
         unsure.with_(disk_margin=1.5)
 

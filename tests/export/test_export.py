@@ -140,21 +140,15 @@ def test_torques_are_pythons(which: str, request: pytest.FixtureRequest) -> None
 def test_a_continuous_joints_torque_does_not_jump_where_its_encoder_wraps(
     pid: Twin, turns: int
 ) -> None:
-    """The error of a joint without stops is that of the shorter way round; tilt has stops."""
-    law = pid.law
+    """The error of a joint without stops is that of the shorter way round."""
     zero = np.zeros(2)
-    limit = pid.stored.model.tau_max
-    for angle in (3.1, np.pi, 3.2):
-        q = np.array([angle, 0.1])
-        goal = Reference(q + np.array([0.01, -0.01]), zero, zero)
-        inside, wrapped = (
-            law.torque(0.0, q + 2 * np.pi * np.array([k, 0]), zero, goal, law.start())[0]
-            for k in (0, turns)
-        )
-        np.testing.assert_allclose(wrapped, inside, atol=2e-3 * limit.max())
-    away = np.array([0.0, 2 * np.pi])
-    torque, _ = law.torque(0.0, away, zero, Reference(zero, zero, zero), law.start())
-    assert abs(torque[1]) > 0.9 * limit[1]
+    goal = Reference(np.array([3.15, 0.1]), zero, zero)
+    q = np.array([3.14, 0.1])
+    turn = np.array([2 * np.pi, 0.0])
+    inside, wrapped = (
+        pid.law.torque(0.0, q + k * turn, zero, goal, pid.law.start())[0] for k in (0, turns)
+    )
+    np.testing.assert_allclose(wrapped, inside, atol=2e-3 * pid.stored.model.tau_max.max())
 
 
 class Side:
@@ -314,24 +308,6 @@ def test_hostile_sensors_never_give_a_torque_that_is_none(full: Twin) -> None:
         stream[k] = seen._replace(t=rng.choice([seen.t, 0.0, 1e6]))
     torques = follow(full.compiled, stream, np.eye(3))
     assert (np.abs(torques) <= full.stored.model.tau_max * (1 + 1e-6)).all()
-
-
-@compiled_here
-@pytest.mark.parametrize(
-    ("channels", "huge"), [(("q",), 1e6), (("f",), 1e20), (("q", "gyro", "w", "f", "links"), 3e38)]
-)
-def test_huge_finite_readings_are_refused_and_the_torque_comes_back(
-    plain: Twin, channels: tuple[str, ...], huge: float
-) -> None:
-    stream = rest(plain, 600)
-    for seen in stream[100:200]:
-        for name in channels:
-            getattr(seen, name)[:] = huge
-    for holder in (plain.compiled, plain.pointer):
-        looking = plain.pointer.navigator.sight.attitude(np.zeros(3))
-        torques = follow(holder, stream, WANTED, WANTED @ looking.T)
-        change = np.mean(torques[-50:], axis=0) - np.mean(torques[50:98], axis=0)
-        assert np.abs(change).max() < 0.05 * plain.library.limit.min()
 
 
 @compiled_here

@@ -77,13 +77,10 @@ def test_the_plugin_gives_the_torques_of_the_c_controller(
     np.testing.assert_allclose(
         Rig.load(str(tmp_path / "gimbal.urdf")).phi, bundled("turret").phi, atol=1e-9
     )
-    package = ElementTree.parse(tmp_path / "package.xml").findtext("name")
-    plugin = ElementTree.parse(tmp_path / "gimbal_plugin.xml").getroot()
     told = yaml.safe_load((tmp_path / "controllers.yaml").read_text())["controller_manager"]
-    manager = told["ros__parameters"]
-    kind = manager["gimbal_controller"]["type"]
-    assert plugin[0].get("name") == kind == f"{package}/GimbalController"
-    assert manager["update_rate"] == 1000
+    plugin = ElementTree.parse(tmp_path / "gimbal_plugin.xml").getroot()[0].get("name")
+    assert told["ros__parameters"]["gimbal_controller"]["type"] == plugin
+    assert told["ros__parameters"]["update_rate"] == 1000
 
 
 # --- Tables --------------------------------------------------------------------------------------------------------
@@ -159,15 +156,10 @@ def test_the_compiled_link_asks_for_the_log_with_a_hello_alone(twin: Twin) -> No
     def receive(data: bytes) -> bool:
         return twin.library.code.gimbal_link_receive(link, data, ctypes.c_size_t(len(data))) & 1
 
-    rng = np.random.default_rng(0)
     hello = encode_frame(Frame(HELLO, 0, b""))
-    for kind in (0, 2, 3, 4, 255):
-        assert not receive(encode_frame(Frame(kind, 7, rng.bytes(100))))
-    for _ in range(500):
-        bad = bytearray(hello)
-        bad[rng.integers(len(bad) - 1)] ^= int(rng.integers(1, 256))
-        assert not receive(bytes(bad[: rng.integers(1, len(bad))]) + b"\0")
-    receive(b"\1" * 100000 + b"\0")
+    others = [encode_frame(Frame(kind, 7, bytes(100))) for kind in (0, 2, 3, 4, 255)]
+    flawed = [hello[:k] + b"\7" + hello[k + 1 :] for k in range(len(hello) - 1)]
+    assert not any(map(receive, [*others, *flawed, b"\1" * 100000 + b"\0"]))
     assert [receive(bytes([byte])) for byte in hello] == [*[False] * (len(hello) - 1), True]
 
 

@@ -83,12 +83,11 @@ def test_no_part_of_a_name_is_code_in_what_export_writes(run: Run, tmp_path: Pat
     assert joints == [list(NAMES[:2])] * 2 == [list(axes)] * 2
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".tsv", ".parquet"])
-def test_logs_keep_a_name(suffix: str, tmp_path: Path) -> None:
+def test_logs_keep_a_name(tmp_path: Path) -> None:
     rig = load_renamed(tmp_path)
     log = prescribed(nominal(rig), seconds=1.0)
-    write_log(log, tmp_path / f"log{suffix}")
-    again = read_log(tmp_path / f"log{suffix}", rig)
+    write_log(log, tmp_path / "log.csv")
+    again = read_log(tmp_path / "log.csv", rig)
     assert again.joints == NAMES[:2]
     np.testing.assert_array_equal(again.tau, log.tau)
 

@@ -85,7 +85,7 @@ def test_the_controller_of_its_kind_has_the_gains_of_a_given_law(kind: str) -> N
     own = given.pointer(kind)
     assert own.law.gains == law.gains != plain.pointer(kind).law.gains
     assert given.pointer(other).law.gains == plain.pointer(other).law.gains
-    assert own.fallback.gains == plain.pointer(kind).fallback.gains
+    assert own.fallback.gains[0].kd == pytest.approx(plain.equals[0].pid.kd / 2)
     assert kind == "pid" or own.law.robust == law.robust
 
 
@@ -138,11 +138,10 @@ def test_knowing_more_holds_the_camera_stiller() -> None:
 
 def test_both_controllers_meet_the_same_motions() -> None:
     plant = nominal(bundled("turret"))
-    rows = run_controllers(Course(plant, 0.2, Station.of(plant.rig)), recipe(plant), 2)
-    assert [row.controller for row in rows] == ["pid", "computed-torque"]
-    bases = np.array([[run.base for run in row.runs] for row in rows])
-    np.testing.assert_array_equal(bases[0], bases[1])
-    assert not np.allclose(bases[0, 0], bases[0, 1])
+    rows = run_controllers(Course(plant, 0.1, Station.of(plant.rig)), recipe(plant), 2)
+    (first, other), ours = ([run.base for run in row.runs] for row in rows)
+    np.testing.assert_array_equal([first, other], ours)
+    assert not np.allclose(first, other)
 
 
 def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torque() -> None:
