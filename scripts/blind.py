@@ -193,7 +193,6 @@ def judge_probabilities(folder: Path) -> None:
         found = reliability.measure(judged_in(folder).values())
     except ValueError as error:
         raise SystemExit(f"{folder}: {error}") from error
-    print(reliability.text(found.bins))
     print(table.text(reliability.as_figures(found)))
     (folder / "reliability.json").write_text(
         json.dumps(asdict(found), indent=1) + "\n", encoding="utf-8"

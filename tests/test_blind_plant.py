@@ -23,7 +23,7 @@ from tests.blind.coloured import Spectrum, size
 from tests.blind.corruption import exchanged_joints
 from tests.blind.draw import sample
 from tests.blind.drive_noise import Colour
-from tests.blind.effects import CATALOGUE, Effect
+from tests.blind.effects import CATALOGUE, PUBLISHED, Effect
 from tests.blind.files import write
 from tests.blind.ledger import Ledger, settle
 from tests.blind.mjcf import Base, build
@@ -67,7 +67,7 @@ def play(scene: Scene, *effects: Effect) -> Ledger:
 @cache
 def make_case() -> Case:
     hidden = (Hidden("cogging", "single", 0.3, 0.9),)
-    return hide(DrivePlan(5, "drive-single", hidden, axes=2, rate=100.0, seconds=2.0, arm=True))
+    return hide(DrivePlan(5, "drive-single", hidden, axes=3, rate=100.0, seconds=2.0, arm=True))
 
 
 # dynamics
@@ -188,7 +188,7 @@ def test_the_urdf_is_the_given_rig(tmp_path: Path) -> None:
     write(case, tmp_path)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "rig.urdf"))
     data = mujoco.MjData(model)
-    motion = 0.3 * np.random.default_rng(0).normal(size=(3, 2))
+    motion = 0.3 * np.random.default_rng(0).normal(size=(3, 3))
     data.qpos[:], data.qvel[:], data.qacc[:] = motion
     mujoco.mj_inverse(model, data)
     theirs = data.qfrc_inverse - data.qfrc_passive - data.qfrc_constraint
@@ -220,6 +220,12 @@ def test_a_longer_sample_begins_like_a_shorter_one(stratum: str) -> None:
     plans = sample(100, 4, stratum)
     assert plans[:30] == sample(30, 4, stratum) != sample(30, 5, stratum)
     assert len({plan.seed for plan in plans}) == 100
+
+
+def test_five_blocks_hold_every_form_at_every_size() -> None:
+    count = 5 * sum(len(kind.known + kind.foreign) for kind in PUBLISHED)
+    hidden = [plan.hidden[0] for plan in sample(count, 0, "single")]
+    assert len({(one.cause, one.form, one.share) for one in hidden}) == count
 
 
 def test_the_benchmark_imports_nothing_of_the_library() -> None:

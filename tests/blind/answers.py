@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from .judge import Judged, judge
+from .judge import judge
 
 Json = dict[str, Any]
 
@@ -26,7 +24,7 @@ SIGNIFICANT_DIGITS = 4
 """Digits kept of a number: the shares that are compared are given to three."""
 
 
-def write(path: Path, folder: Path) -> int:
+def write(path, folder):
     """Write the answers on all diagnosed logs of a folder, and return their number.
 
     Args:
@@ -42,14 +40,14 @@ def write(path: Path, folder: Path) -> int:
     return len(answered)
 
 
-def read(path: Path) -> dict[str, Judged]:
+def read(path):
     """Return the judged case of every line, by the name of its log."""
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     return {row["log"]: judge(json.loads(row["truth"]), json.loads(row["answer"])) for row in rows}
 
 
-def encode_answer(answer: Mapping[str, Any]) -> str:
+def encode_answer(answer):
     """Return what is kept of ``diagnose --json`` as one line of JSON."""
     errors = {
         stage: _select(answer.get(stage) or {}, ("torque_rmse",))
@@ -59,7 +57,7 @@ def encode_answer(answer: Mapping[str, Any]) -> str:
     return _encode(_select(answer, ("verdict", "exit", "causes")) | {"findings": findings} | errors)
 
 
-def _make_row(place: Path) -> dict[str, str]:
+def _make_row(place):
     """Return the line of one log."""
     truth = json.loads((place / "truth.json").read_text(encoding="utf-8"))
     answer = json.loads((place / "diagnosis.json").read_text(encoding="utf-8"))
@@ -77,17 +75,17 @@ def _make_row(place: Path) -> dict[str, str]:
     }
 
 
-def _select(record: Mapping[str, Any], keys: tuple[str, ...]) -> Json:
+def _select(record, keys):
     """Return the entries of a record that are among the keys."""
     return {key: record[key] for key in keys if key in record}
 
 
-def _encode(record: Json) -> str:
+def _encode(record):
     """Return a record as one line of JSON with rounded numbers."""
     return json.dumps(_round(record), separators=(",", ":"))
 
 
-def _round(value: Any) -> Any:
+def _round(value):
     """Return a value with every number in it rounded to `SIGNIFICANT_DIGITS`."""
     if isinstance(value, float):
         return float(f"{value:.{SIGNIFICANT_DIGITS}g}")

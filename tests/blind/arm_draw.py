@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.random import Generator
 
 from .draws import draw_sign
 from .rig_draw import WINDINGS, frame_of, strong_enough, tilted
-from .rigs import EYE, Array, Inertia, Link, Motor, Payload, Rig, rotation_about
+from .rigs import EYE, Inertia, Link, Motor, Payload, Rig, rotation_about
 
 X, Y, Z = EYE
-PATTERNS: dict[int, tuple[str, ...]] = {
+PATTERNS = {
     1: ("P",), 2: ("PP", "ZP"), 3: ("ZPP", "PPP"), 4: ("ZPPP", "ZPZP"), 5: ("ZPPPZ", "ZPPZP"),
     6: ("ZPPPZP", "ZPPZPZ"), 7: ("ZPZPZPZ", "ZPZPZPP"),
 }  # fmt: skip
@@ -24,7 +23,7 @@ ROLLING = 0.2
 NAMES = ("joint{}", "arm_joint_{}", "j{}", "axis_{}_joint")
 
 
-def _tube(rng: Generator, mass: float, length: float) -> Inertia:
+def _tube(rng, mass, length):
     """A tube along z with its motor somewhere on it, a little bent: mass kg, length m."""
     radius = rng.uniform(0.12, 0.22) * length + 0.02
     across = mass / 12.0 * (3.0 * radius**2 + length**2)
@@ -34,13 +33,13 @@ def _tube(rng: Generator, mass: float, length: float) -> Inertia:
     return Inertia(mass, com, turn @ np.diag([across, across, along]) @ turn.T)
 
 
-def _motor(rng: Generator, tau_max: float) -> Motor:
+def _motor(rng, tau_max):
     slots, poles = WINDINGS[rng.integers(len(WINDINGS))]
     friction = tau_max * rng.uniform(0.008, 0.03), tau_max * rng.uniform(0.004, 0.015)
     return Motor(rng.uniform(0.1, 2.0), round(tau_max, 3), slots, poles, 16, *friction, 60.0)
 
 
-def _links(rng: Generator, pattern: str, lengths: Array, masses: Array) -> list[Link]:
+def _links(rng, pattern, lengths, masses):
     """The chain; frames either stay parallel or have their own z along the axis."""
     name = str(rng.choice(NAMES))
     own = rng.random() < 0.5
@@ -68,7 +67,7 @@ def _links(rng: Generator, pattern: str, lengths: Array, masses: Array) -> list[
     return links
 
 
-def draw_arm(rng: Generator, axes: int) -> Rig:
+def draw_arm(rng, axes):
     """An arm of `axes` joints, 0.3–1.2 m long, with a camera at its tip."""
     pattern = str(rng.choice(PATTERNS[axes]))
     reach = float(rng.uniform(0.2, 0.35) + rng.uniform(0.02, 0.12) * axes)
@@ -95,26 +94,18 @@ def draw_arm(rng: Generator, axes: int) -> Rig:
     return strong_enough(rng, rig)
 
 
-def locked(rig: Rig, joint: int) -> Rig:
+def locked(rig, joint):
     """The rig with one joint bolted at zero: its link grows into the one before it, or into the base."""
     gone = rig.links[joint]
-    others = list(rig.links[:joint] + rig.links[joint + 1 :])
-    payload = rig.payload
+    links = [*rig.links[:joint], *rig.links[joint + 1 :], rig.payload]
     if joint > 0:
+        before = links[joint - 1]
         carried = gone.inertia.seen_from(gone.rotation, gone.position)
-        others[joint - 1] = replace(
-            others[joint - 1], inertia=others[joint - 1].inertia.plus(carried)
-        )
-    if joint < len(others):
-        after = others[joint]
-        turned = gone.rotation @ after.rotation
-        moved = gone.rotation @ after.position + gone.position
-        others[joint] = replace(after, rotation=turned, position=moved)
-    else:
-        turned = gone.rotation @ payload.rotation
-        moved = gone.rotation @ payload.position + gone.position
-        payload = replace(payload, rotation=turned, position=moved)
+        links[joint - 1] = replace(before, inertia=before.inertia.plus(carried))
+    after = links[joint]
+    turned = gone.rotation @ after.rotation
+    moved = gone.rotation @ after.position + gone.position
+    links[joint] = replace(after, rotation=turned, position=moved)
     motors = rig.motors[:joint] + rig.motors[joint + 1 :]
-    return replace(
-        rig, links=tuple(others), motors=motors, payload=payload, armature=rig.armature[:-1]
-    )
+    parts = {"links": tuple(links[:-1]), "payload": links[-1], "motors": motors}
+    return replace(rig, **parts, armature=rig.armature[:-1])

@@ -6,12 +6,10 @@ from math import exp, log
 
 import numpy as np
 
-from .effects import Effect
-from .ledger import Ledger, settle
+from .ledger import settle
 from .plant import PlantDivergedError
-from .scene import STIFF_TRIAL_STEP, TRIAL_STEP, Scene
+from .scene import STIFF_TRIAL_STEP, TRIAL_STEP
 from .visibility import blocks, rms, smooth
-from .world import World
 
 TRIALS = 6
 CLOSE_ENOUGH = 0.15
@@ -19,14 +17,14 @@ LONGEST_LEAP = log(100.0)
 LARGEST = log(1e6)
 
 
-def share_of(effect: Effect, ledger: Ledger, rate: float) -> float:
+def share_of(effect, ledger, rate):
     """Effect rms over torque rms on the effect's own joint, or the largest share where it has none."""
     size = rms(smooth(blocks(ledger.effect, rate), rate)) if effect.in_band else rms(ledger.effect)
     each = size / np.maximum(rms(ledger.command), 1e-9)
     return float(each.max() if effect.joint is None else each[effect.joint])
 
 
-def trial(scene: Scene, effect: Effect) -> tuple[World, Ledger]:
+def trial(scene, effect):
     """A run at coarse steps with this effect alone."""
     world, trace = scene.run(
         [effect], scene.substeps(STIFF_TRIAL_STEP if effect.stiff else TRIAL_STEP)
@@ -34,7 +32,7 @@ def trial(scene: Scene, effect: Effect) -> tuple[World, Ledger]:
     return world, settle(world, trace)
 
 
-def _tried(scene: Scene, effect: Effect) -> float | None:
+def _tried(scene, effect):
     """The share that it reaches, or nothing if the loop runs away with it."""
     try:
         return share_of(effect, trial(scene, effect)[1], scene.rate)
@@ -42,7 +40,7 @@ def _tried(scene: Scene, effect: Effect) -> float | None:
         return None
 
 
-def _next(k: float, error: float, tried: list[tuple[float, float]], top: float) -> float:
+def _next(k, error, tried, top):
     """Where to try next: between the nearest weaker and stronger trial, or a leap as the last slope says."""
     weaker = max((x for x, e in tried if e > 0.0), default=None)
     stronger = min((x for x, e in tried if e <= 0.0), default=top if top < LARGEST else None)
@@ -57,7 +55,7 @@ def _next(k: float, error: float, tried: list[tuple[float, float]], top: float) 
     return k + min(max(error / slope, -LONGEST_LEAP), LONGEST_LEAP)
 
 
-def calibrate(scene: Scene, effect: Effect, wanted: float) -> Effect:
+def calibrate(scene, effect, wanted):
     """The effect scaled until its raw rms is about `wanted` of the torque rms; the nearest found if it cannot be.
 
     Raises: PlantDivergedError when the loop runs away at every strength tried."""

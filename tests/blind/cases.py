@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.random import Generator
 
 from . import drive_log, people
 from .arm_draw import draw_arm
 from .calibrate import calibrate
 from .corruption import MISMATCHES, Columns, Damage
-from .effects import CATALOGUE, Effect, PlatformMotion, diagonal
+from .effects import CATALOGUE, PlatformMotion, diagonal
 from .ledger import settle
 from .logbook import imu, noisy_channels, shaken, temperatures, write_columns
-from .plan import DrivePlan, Hidden, Plan
+from .plan import DrivePlan, Plan
 from .rig_draw import draw_rig, nominal
 from .rigs import Rig
-from .scene import Scene, draw_scene
+from .scene import draw_scene
 from .sensors import draw_sensors
-from .truth import Blur, Run, Truth, describe
+from .truth import Blur, Run, describe
 from .visibility import Channels, noise_floor
 
 LONGEST_TRIAL_S = 60.0
@@ -35,17 +35,17 @@ class Case:
     given: Rig
     encoder_bits: int
     log: Columns
-    truth: Truth
+    truth: dict[str, Any]
 
 
-def _streams(seed: int) -> dict[str, Generator]:
+def _streams(seed):
     children = np.random.SeedSequence(seed).spawn(len(STREAMS))
     return {
         name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)
     }
 
 
-def _joint(scene: Scene, hidden: Hidden) -> int:
+def _joint(scene, hidden):
     """The joint that the plan's place falls on; for friction by gravity's load, the one with the most of it."""
     moving = [joint for joint in range(len(scene.rig.links)) if joint not in scene.still]
     if hidden.form in ("gravity", "bearing"):
@@ -53,14 +53,14 @@ def _joint(scene: Scene, hidden: Hidden) -> int:
     return moving[min(int(hidden.place * len(moving)), len(moving) - 1)]
 
 
-def _drawn(scene: Scene, hidden: Hidden, rng: Generator) -> Effect:
+def _drawn(scene, hidden, rng):
     """The effect, made as strong as wanted."""
     context = scene.context(_joint(scene, hidden), hidden.share)
     guess = CATALOGUE[hidden.cause].draw(rng, context, hidden.form)
     return calibrate(scene.first(LONGEST_TRIAL_S), guess, hidden.share)
 
 
-def hide(plan: Plan) -> Case:
+def hide(plan):
     """Simulate a plan. The same plan gives the same case, to the last bit.
 
     Raises: PlantDivergedError when the controller cannot hold the rig with this effect at any strength."""
@@ -83,7 +83,7 @@ def hide(plan: Plan) -> Case:
     return _drive_case(run, rig, streams) if drive else _case(run, streams)
 
 
-def _case(run: Run, streams: dict[str, Generator]) -> Case:
+def _case(run, streams):
     plan = run.plan
     scene = run.scene
     trace = run.trace
@@ -102,7 +102,7 @@ def _case(run: Run, streams: dict[str, Generator]) -> Case:
     return Case(plan, given, scene.sensors.encoder_bits, damage.columns, truth)
 
 
-def _drive_case(run: Run, full: Rig, streams: dict[str, Generator]) -> Case:
+def _drive_case(run, full, streams):
     """A case as a drive's sensors show it; `full`: the URDF's rig, exact."""
     scene = run.scene
     sensors = scene.sensors
@@ -116,7 +116,7 @@ def _drive_case(run: Run, full: Rig, streams: dict[str, Generator]) -> Case:
     return Case(run.plan, given, sensors.encoder_bits, log, truth)
 
 
-def _extra(run: Run, rng: Generator) -> Columns:
+def _extra(run, rng):
     """Base IMU (where the base moves and is measured, and now and then where it stands still) and temperatures."""
     rig = run.scene.rig
     t = run.trace.t
@@ -124,7 +124,7 @@ def _extra(run: Run, rng: Generator) -> Columns:
     moving = next((e for e in effects if isinstance(e, PlatformMotion)), None)
     with_imu = rng.random() < 0.1
     with_temperature = rng.random() < 0.3
-    columns: Columns = {}
+    columns = {}
     if moving is not None:
         columns = imu(rig, t, moving.motion()) if moving.measured else {}
     elif with_imu and not any(e.cause in ("base-tilt", "soft-base") for e in effects):

@@ -5,14 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.random import Generator
 
-from .excitation import Reference
-from .plant import Controller
-from .rigs import Array, Rig
+from .rigs import Array
 from .rnea import inverse_dynamics
-from .sensors import Measurement
-from .world import World
 
 
 @dataclass(frozen=True)
@@ -24,7 +19,7 @@ class Gains:
     trust: float
 
 
-def mass_matrix(rig: Rig, q: Array) -> Array:
+def mass_matrix(rig, q):
     """M(q), kg m², at one pose (n, n)."""
     zero = np.zeros((1, len(q)))
     weight = inverse_dynamics(rig, q[None], zero, zero)[0]
@@ -32,12 +27,12 @@ def mass_matrix(rig: Rig, q: Array) -> Array:
     return np.array(rows)
 
 
-def joint_inertia(rig: Rig, q: Array) -> Array:
+def joint_inertia(rig, q):
     """Diagonal of M(q), kg m², at one pose (n,)."""
-    return np.asarray(np.diag(mass_matrix(rig, q)))
+    return np.diag(mass_matrix(rig, q))
 
 
-def _draw(rng: Generator, inertia: Array, damped: float, held: tuple[int, ...] = ()) -> Gains:
+def _draw(rng, inertia, damped, held=()):
     """A loop of 1.5–3.5 Hz around these inertias; joints that are held are held twice as fast."""
     omega = 2.0 * np.pi * rng.uniform(1.5, 3.5, len(inertia))
     omega[list(held)] *= 2.0
@@ -45,7 +40,7 @@ def _draw(rng: Generator, inertia: Array, damped: float, held: tuple[int, ...] =
     return Gains(inertia * omega**2, damping * inertia * omega, rng.uniform(0.6, 1.0))
 
 
-def draw_soft_gains(rng: Generator, rig: Rig, reference: Reference, held: tuple[int, ...]) -> Gains:
+def draw_soft_gains(rng, rig, reference, held):
     """A loop for chains whose axes act on each other: inertia as felt with the other joints free,
     1 / (M⁻¹)ᵢᵢ, the least along the motion."""
     poses = reference.q[:: max(1, len(reference.q) // 12)]
@@ -53,20 +48,18 @@ def draw_soft_gains(rng: Generator, rig: Rig, reference: Reference, held: tuple[
     return _draw(rng, inertia, 1.0, held)
 
 
-def draw_gains(rng: Generator, rig: Rig, reference: Reference) -> Gains:
+def draw_gains(rng, rig, reference):
     """A loop a little under or over damped."""
     return _draw(rng, joint_inertia(rig, reference.q.mean(axis=0)), 1.1)
 
 
-def feed_forward(model: Rig, reference: Reference, gains: Gains) -> Array:
+def feed_forward(model, reference, gains):
     """trust · RNEA of the (wrong) model along the reference, and the dither: (N, n)."""
     torque = inverse_dynamics(model, reference.q, reference.dq, reference.ddq)
     return reference.dither + gains.trust * torque
 
 
-def closed_loop(
-    world: World, reference: Reference, gains: Gains, forward: Array, seen: Measurement
-) -> Controller:
+def closed_loop(world, reference, gains, forward, seen):
     """u = kp (q_ref - q) + kd (dq_ref - dq) + forward, clipped at the motors' limits, of measured q and dq."""
     limits = [motor.tau_max for motor in world.rig.motors]
     loop = list(zip(gains.kp.tolist(), gains.kd.tolist(), limits, strict=True))
@@ -74,9 +67,7 @@ def closed_loop(
     dq_ref = reference.dq.tolist()
     ahead = forward.tolist()
 
-    def controller(
-        k: int, q: list[float], v: list[float]
-    ) -> tuple[list[float], list[float], list[float]]:
+    def controller(k, q, v):
         measured_q, measured_v = seen(k, q, v)
         rows = zip(loop, q_ref[k], measured_q, dq_ref[k], measured_v, ahead[k], strict=True)
         command = [kp * (r - x) + kd * (dr - dx) + u for (kp, kd, _), r, x, dr, dx, u in rows]

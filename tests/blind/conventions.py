@@ -13,13 +13,13 @@ class Reading(NamedTuple):
     shift: float = 0.0
 
 
-PARTS: dict[tuple[str, str, str], Reading | None] = {
+PARTS = {
     ("position-dependent-friction", "two-harmonics", "amplitude"): Reading("amplitude", 1.25),
     ("torque-ripple", "two", "depth"): Reading("amplitude", 1.25),
     ("cogging", "several", "amplitude"): None,
 }
 """(cause, form, parameter) → the same for one form alone; None where the two do not compare."""
-READINGS: dict[tuple[str, str], Reading] = {
+READINGS = {
     ("asymmetric-friction", "coulomb_difference"): Reading("coulomb", 2.0),
     ("asymmetric-friction", "viscous_difference"): Reading("viscous", 2.0),
     ("load-dependent-friction", "ratio"): Reading("mu"),
@@ -37,5 +37,5 @@ LOOK_ALIKES = (
 )
 """Causes that are one to first order: τ(t - d) ≈ τ - d τ' as of a lag of d; and F₊ v > 0, -F₋ v < 0, which is
 ½(F₊ + F₋) sign v + ½(F₊ - F₋), a constant. Their probabilities are judged together."""
-COMPANY: dict[tuple[str, str], str] = {("cogging", "steep"): "torque-bias"}
+COMPANY = {("cogging", "steep"): "torque-bias"}
 """(cause, form) → what the form brings along besides: cos(x + 0.45 sin x) has a mean of its own, -J₁(0.45)."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.random import Generator
 
 from .rigs import Array
 
@@ -20,7 +19,7 @@ class Damage:
     parameters: dict[str, float] = field(default_factory=dict)
 
 
-def late_torque(columns: Columns, rng: Generator) -> Damage:
+def late_torque(columns, rng):
     """Every torque column 50–200 ms behind the others; the rows before the first torque are not in the log."""
     late = rng.uniform(0.05, 0.2)
     t = columns["t"]
@@ -30,7 +29,7 @@ def late_torque(columns: Columns, rng: Generator) -> Damage:
     return Damage({name: x[kept] for name, x in (columns | delayed).items()}, {"late": late})
 
 
-def exchanged_joints(columns: Columns, rng: Generator) -> Damage:
+def exchanged_joints(columns, rng):
     """Two joints' columns stand under each other's name, in every channel."""
     joints = [name.removeprefix("tau_") for name in columns if name.startswith("tau_")]
     first, second = (str(joint) for joint in rng.choice(joints, 2, replace=False))

@@ -5,15 +5,13 @@ evenly over the block; the first plans of a longer sample are those of a shorter
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.random import Generator
 
 from .corruption import MISMATCHES
 from .drive_draw import dressed, spread
-from .effects import CATALOGUE, OUTSIDE, PUBLISHED, TRUSTED, Effect
+from .effects import CATALOGUE, OUTSIDE, PUBLISHED, TRUSTED
 from .excitation import EXCITATIONS
 from .mjcf import Base
 from .plan import LEVELS, SHARES, STRATA, Hidden, Plan
@@ -22,11 +20,11 @@ RATES = (250.0, 400.0, 500.0, 800.0, 1000.0)
 CLEAN_BLOCK = 60
 
 
-def _forms(kinds: Sequence[type[Effect]]) -> list[tuple[str, str]]:
+def _forms(kinds):
     return [(kind.cause, form) for kind in kinds for form in kind.known + kind.foreign]
 
 
-def _bare(rng: Generator, stratum: str, count: int) -> list[Plan]:
+def _bare(rng, stratum, count):
     """Plans with everything but something hidden."""
     axes = spread(rng, (1, 2, 3, 3), count)
     levels = spread(rng, LEVELS, count)
@@ -41,7 +39,7 @@ def _bare(rng: Generator, stratum: str, count: int) -> list[Plan]:
     ]  # fmt: skip
 
 
-def _hidden(rng: Generator, forms: Sequence[tuple[str, str]], block: int) -> list[Hidden]:
+def _hidden(rng, forms, block):
     """Each form once; over five successive blocks, each at every size."""
     places = spread(rng, tuple((np.arange(12) + 0.5) / 12.0), len(forms))
     return [
@@ -50,20 +48,20 @@ def _hidden(rng: Generator, forms: Sequence[tuple[str, str]], block: int) -> lis
     ]
 
 
-def _with(plan: Plan, hidden: Sequence[Hidden]) -> Plan:
+def _with(plan, hidden):
     """The plan with this hidden in it, on a rig with axes enough."""
     needed = max(CATALOGUE[item.cause].needs_axes for item in hidden)
     trusted = plan.trusted or any(item.cause in TRUSTED for item in hidden)
     return replace(plan, hidden=tuple(hidden), axes=max(plan.axes, needed), trusted=trusted)
 
 
-def _clean(rng: Generator, stratum: str) -> list[Plan]:
+def _clean(rng, stratum):
     plans = _bare(rng, stratum, CLEAN_BLOCK)
     trusted = spread(rng, (False, False, False, True), CLEAN_BLOCK)
     return [replace(plan, trusted=yes) for plan, yes in zip(plans, trusted, strict=True)]
 
 
-def _singles(rng: Generator, block: int, stratum: str, kinds: Sequence[type[Effect]]) -> list[Plan]:
+def _singles(rng, block, stratum, kinds):
     hidden = _hidden(rng, _forms(kinds), block)
     plans = [
         _with(plan, [item])
@@ -72,7 +70,7 @@ def _singles(rng: Generator, block: int, stratum: str, kinds: Sequence[type[Effe
     return [plans[i] for i in rng.permutation(len(plans))]
 
 
-def _compatible(first: Hidden, second: Hidden) -> bool:
+def _compatible(first, second):
     """Two different causes, of which one at most holds the base, trusts the URDF, or needs an axis of its own."""
     kinds = CATALOGUE[first.cause], CATALOGUE[second.cause]
     moving = sum(kind.base is not Base.FIXED for kind in kinds)
@@ -81,7 +79,7 @@ def _compatible(first: Hidden, second: Hidden) -> bool:
     return first.cause != second.cause and moving < 2 and trusted != 1 and gearing < 2
 
 
-def _partner(rng: Generator, first: Hidden) -> Hidden | None:
+def _partner(rng, first):
     """Something of at least 3 % that may stand beside the first; None where nothing may."""
     joint = rng.random()
     share = float(rng.choice(SHARES[2:]))
@@ -93,7 +91,7 @@ def _partner(rng: Generator, first: Hidden) -> Hidden | None:
     return ready[int(rng.integers(len(ready)))] if ready else None
 
 
-def _pairs(rng: Generator, block: int) -> list[Plan]:
+def _pairs(rng, block):
     """Every published form once, at 1 % or more, each with a random partner."""
     firsts = [
         replace(item, share=max(item.share, SHARES[1]))
@@ -107,7 +105,7 @@ def _pairs(rng: Generator, block: int) -> list[Plan]:
     return [plans[i] for i in rng.permutation(len(plans))]
 
 
-def _mismatched(rng: Generator) -> list[Plan]:
+def _mismatched(rng):
     """Clean rigs of two axes or more, their torque late and their joints exchanged by turns."""
     faults = list(MISMATCHES)
     plans = _bare(rng, "mismatched", 6 * len(faults))
@@ -116,21 +114,7 @@ def _mismatched(rng: Generator) -> list[Plan]:
     ]
 
 
-def _dressed(rng: Generator, plans: list[Plan]) -> list[Plan]:
-    """The same hidden in logs as people have them."""
-    needed = [
-        max([CATALOGUE[item.cause].needs_axes for item in plan.hidden], default=1) for plan in plans
-    ]
-    fixed = [
-        all(CATALOGUE[item.cause].base is Base.FIXED for item in plan.hidden) for plan in plans
-    ]
-    stiff = [any(CATALOGUE[item.cause].stiff for item in plan.hidden) for plan in plans]
-    return list(
-        dressed(rng, plans, needed, [a and not b for a, b in zip(fixed, stiff, strict=True)])
-    )
-
-
-def _block(seed: int, stratum: str, block: int) -> list[Plan]:
+def _block(seed, stratum, block):
     rng = np.random.default_rng([seed, STRATA[stratum], block])
     makers = {
         "clean": lambda: _clean(rng, stratum),
@@ -138,19 +122,15 @@ def _block(seed: int, stratum: str, block: int) -> list[Plan]:
         "outside": lambda: _singles(rng, block, "outside", OUTSIDE),
         "pair": lambda: _pairs(rng, block),
         "mismatched": lambda: _mismatched(rng),
-        "drive-clean": lambda: _dressed(rng, _clean(rng, stratum)),
-        "drive-single": lambda: _dressed(rng, _singles(rng, block, stratum, PUBLISHED)),
+        "drive-clean": lambda: dressed(rng, _clean(rng, stratum)),
+        "drive-single": lambda: dressed(rng, _singles(rng, block, stratum, PUBLISHED)),
     }
     return makers[stratum]()
 
 
-def sample(n: int, seed: int, stratum: str) -> list[Plan]:
-    """The first n plans of a stratum (plan.STRATA).
-
-    Raises: ValueError for a stratum that there is not."""
-    if stratum not in STRATA:
-        raise ValueError(f"stratum {stratum!r}: there are {', '.join(STRATA)}")
-    plans: list[Plan] = []
+def sample(n, seed, stratum):
+    """The first n plans of a stratum (plan.STRATA)."""
+    plans = []
     block = 0
     while len(plans) < n:
         plans += _block(seed, stratum, block)

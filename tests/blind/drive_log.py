@@ -5,20 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.signal import welch
 
 from .coloured import Spectrum
-from .corruption import Columns
-from .drive_sensors import DriveSensors
 from .logbook import columns_of, shaken
-from .plant import Trace
 from .rigs import Array
-from .scene import Scene
 from .sensors import kept_rows
 from .visibility import CUTOFF_HZ, Channels, grid_rate, residual, rms
-from .world import World
 
 LONGEST_SEGMENT = 512
 TICK = 1e-6
@@ -36,19 +30,17 @@ class Shown:
     channels: Channels
 
 
-def _stamped(rng: Generator, jitter: float, t: Array) -> Array:
+def _stamped(rng, jitter, t):
     """Stamps of a host's clock: never early, sometimes much too late, always increasing."""
     if jitter == 0.0:
         return t
     late = jitter * np.abs(rng.normal(size=len(t)))
     late += (rng.random(len(t)) < HICCUPS) * rng.uniform(0.0, LONGEST_HICCUP, len(t))
     least = TICK * np.arange(len(t))
-    return np.asarray(np.maximum.accumulate(t + late - least) + least)
+    return np.maximum.accumulate(t + late - least) + least
 
 
-def torque_shown(
-    sensors: DriveSensors, scene: Scene, trace: Trace, rows: NDArray[np.intp], noise: Array
-) -> Array:
+def torque_shown(sensors, scene, trace, rows, noise):
     """Reported torque (M, n), N m: low-passed, late, noisy (`noise` of unit rms), in steps, some rows old."""
     current = sensors.reported(trace.command, scene.rate)
     t = trace.t
@@ -57,10 +49,10 @@ def torque_shown(
     step = sensors.torque_step * np.array([motor.tau_max for motor in scene.rig.motors])
     stepped = step * np.round((clean + sensors.noise_share * rms(trace.command) * noise) / step)
     held = np.arange(len(rows)) // sensors.torque_every * sensors.torque_every
-    return np.asarray(stepped[held])
+    return stepped[held]
 
 
-def show(sensors: DriveSensors, scene: Scene, trace: Trace, every: int, rng: Generator) -> Shown:
+def show(sensors, scene, trace, every, rng):
     """Every so manieth sample of the run, as these sensors show it."""
     rows = np.arange(0, len(trace.t), every)
     past = np.maximum(rows - round(sensors.angle_late * scene.rate), 0)
@@ -75,9 +67,7 @@ def show(sensors: DriveSensors, scene: Scene, trace: Trace, every: int, rng: Gen
     )
 
 
-def written(
-    sensors: DriveSensors, scene: Scene, shown: Shown, extra: Columns, rng: Generator
-) -> Columns:
+def written(sensors, scene, shown, extra, rng):
     """The log's columns: some rows repeat the one before under their own stamp, some are lost, half the logs have the
     reference."""
     rig = scene.rig
@@ -96,9 +86,7 @@ def written(
     return {name: values[kept] for name, values in columns.items()}
 
 
-def spectrum(
-    sensors: DriveSensors, scene: Scene, world: World, trace: Trace, shown: Shown
-) -> tuple[Spectrum, Array]:
+def spectrum(sensors, scene, world, trace, shown):
     """Noise of the torque balance, as it stood before the current's low-pass, and its share of the
     acceleration (n,), none where a joint is held.
 

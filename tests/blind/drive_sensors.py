@@ -6,12 +6,9 @@ from dataclasses import dataclass
 from math import ceil, exp, pi
 
 import numpy as np
-from numpy.random import Generator
 
 from .draws import log_uniform
 from .drive_noise import Colour, draw_colour
-from .rigs import Array
-from .world import World
 
 FARTHEST = 4.5e-3
 """Torque against angle, s: within what is estimated of every log."""
@@ -46,21 +43,21 @@ class DriveSensors:
     repeated: float
 
     @property
-    def step(self) -> float:
+    def step(self):
         """The encoder's step, rad."""
         return 2.0 * pi / 2**self.encoder_bits
 
     @property
-    def faults(self) -> list[str]:
+    def faults(self):
         """Data causes that are true of these sensors whatever else is hidden."""
         clock = self.jitter > 0.0 or self.lost > 0.0 or self.repeated > 0.0
         return [*(["clock"] if clock else []), *(["filtered-velocity"] if self.has_rate else [])]
 
-    def reader(self, world: World, samples: int, rng: Generator) -> DriveReading:
+    def reader(self, world, samples, rng):
         """What the controller sees."""
         return DriveReading(world, self, samples, rng)
 
-    def reported(self, command: Array, rate: float) -> Array:
+    def reported(self, command, rate):
         """A held command (N, n) behind the current's first-order low-pass, at each sample's beginning."""
         keep = exp(-2.0 * pi * self.current_hz / rate)
         path = np.empty_like(command)
@@ -70,25 +67,25 @@ class DriveSensors:
             y = u + (y - u) * keep
         return path
 
-    def passed(self, hertz: Array) -> Array:
+    def passed(self, hertz):
         """|H|² of that low-pass."""
-        return np.asarray(1.0 / (1.0 + (hertz / self.current_hz) ** 2))
+        return 1.0 / (1.0 + (hertz / self.current_hz) ** 2)
 
 
 class DriveReading:
     """(sample, true q, true v) → the encoder's angles and the rates made of them; called sample by sample, in order."""
 
-    def __init__(self, world: World, sensors: DriveSensors, samples: int, rng: Generator) -> None:
+    def __init__(self, world, sensors, samples, rng):
         self.world, self.step, self.observer = world, sensors.step, sensors.rate_law == "observer"
         self.noise = sensors.encoder_noise * rng.normal(size=(samples, world.joints))
         self.period = world.seconds / samples
         self.turn = 2.0 * pi * sensors.rate_hz * self.period
-        self.angle: list[float] = []
-        self.rate: list[float] = []
+        self.angle = []
+        self.rate = []
 
-    def __call__(self, k: int, q: list[float], v: list[float]) -> tuple[list[float], list[float]]:
+    def __call__(self, k, q, v):
         shown = self.step * np.round((self.world.encoder(np.array(q)) + self.noise[k]) / self.step)
-        angles: list[float] = shown.tolist()
+        angles = shown.tolist()
         if k == 0:
             self.angle = angles
             self.rate = list(v)
@@ -102,7 +99,7 @@ class DriveReading:
             self.angle = angles
         return angles, self.rate
 
-    def _track(self, angles: list[float]) -> None:
+    def _track(self, angles):
         """A second-order tracking loop, damped by 0.8."""
         w = self.turn
         period = self.period
@@ -112,12 +109,12 @@ class DriveReading:
         self.rate = [r + w * w / period * e for r, e in zip(self.rate, error, strict=True)]
 
 
-def control_rate(rate: float) -> float:
+def control_rate(rate):
     """What the controller runs at (Hz): the log's rate, or a multiple of a slow log's."""
     return rate * ceil(LOWEST_CONTROL_RATE / rate)
 
 
-def draw_drive_sensors(rng: Generator, rate: float, aligned: bool) -> DriveSensors:
+def draw_drive_sensors(rng, rate, aligned):
     """A drive's sensors for a log of this rate, Hz; `aligned`: its channels are not shifted, its current is fast."""
     current = 200.0 if aligned else log_uniform(rng, 20.0, 200.0)
     every = 2 if rate >= 400.0 and not aligned and rng.random() < 0.2 else 1

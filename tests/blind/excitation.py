@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.random import Generator
 
 from .draws import log_uniform
 from .habits import Habit
-from .rigs import Array, Rig
+from .rigs import Array
 from .rnea import inverse_dynamics
-
-Shape = Callable[[Generator, Array], Array]
-"""(generator, its own time (N,)) → angle between -1 and 1."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +22,14 @@ class Reference:
     ddq: Array
     dither: Array
 
-    def first(self, samples: int) -> Reference:
+    def first(self, samples):
         """Its first samples."""
         return Reference(
             *(values[:samples] for values in (self.t, self.q, self.dq, self.ddq, self.dither))
         )
 
 
-def multisine(rng: Generator, t: Array) -> Array:
+def multisine(rng, t):
     """Five to ten sines, 0.08–2.5 Hz, smaller as they get faster."""
     count = int(rng.integers(5, 11))
     hertz = log_uniform(rng, 0.08, 2.5, count)
@@ -42,10 +37,10 @@ def multisine(rng: Generator, t: Array) -> Array:
     x = (weight * np.sin(2.0 * np.pi * hertz * t[:, None] + rng.uniform(-np.pi, np.pi, count))).sum(
         axis=1
     )
-    return np.asarray(x / weight.sum() * 1.6)
+    return x / weight.sum() * 1.6
 
 
-def chirp(rng: Generator, t: Array) -> Array:
+def chirp(rng, t):
     """Sweeps up from 0.15 Hz to 4–8 Hz, one after the other, ever smaller on the way."""
     period = rng.uniform(8.0, 15.0)
     top = rng.uniform(4.0, 8.0)
@@ -55,10 +50,10 @@ def chirp(rng: Generator, t: Array) -> Array:
     hertz = low * np.exp(rate * place)
     phase = 2.0 * np.pi * period * (hertz - low) / rate
     fade = np.clip(8.0 * np.minimum(place, 1.0 - place), 0.0, 1.0)
-    return np.asarray(np.sin(phase) * np.minimum(1.0, (0.3 / hertz) ** 1.3) * fade)
+    return np.sin(phase) * np.minimum(1.0, (0.3 / hertz) ** 1.3) * fade
 
 
-def staircase(rng: Generator, t: Array) -> Array:
+def staircase(rng, t):
     """To and fro between the ends at constant speeds, each pass at another, slow ones and fast ones."""
     speeds = log_uniform(rng, 0.08, 2.5, 400)
     turns = np.concatenate([[0.0], np.cumsum(2.0 / speeds)]) - rng.uniform(0.0, 1.0)
@@ -66,7 +61,7 @@ def staircase(rng: Generator, t: Array) -> Array:
     return np.interp(t, turns, side)
 
 
-def random_steps(rng: Generator, t: Array) -> Array:
+def random_steps(rng, t):
     """Minimum-jerk moves of 0.3–1.2 s to random places, with rests between."""
     goals = rng.uniform(-1.0, 1.0, 400)
     moves = rng.uniform(0.3, 1.2, 400)
@@ -74,20 +69,18 @@ def random_steps(rng: Generator, t: Array) -> Array:
     starts = np.concatenate([[0.0], np.cumsum(moves + rests)[:-1]])
     row = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, 398)
     x = np.clip((t - starts[row]) / moves[row], 0.0, 1.0)
-    return np.asarray(
-        goals[row] + (goals[row + 1] - goals[row]) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
-    )
+    return goals[row] + (goals[row + 1] - goals[row]) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
-def reversals(rng: Generator, t: Array) -> Array:
+def reversals(rng, t):
     """Small triangles of changing size around places that change now and then."""
     size = np.interp(t, np.linspace(0.0, t[-1] + 1.0, 12), log_uniform(rng, 0.02, 0.2, 12))
     hertz = rng.uniform(0.4, 1.2)
     triangle = 4.0 * np.abs((hertz * t + 0.25) % 1.0 - 0.5) - 1.0
-    return np.asarray(0.8 * random_steps(rng, t / 6.0) + size * triangle)
+    return 0.8 * random_steps(rng, t / 6.0) + size * triangle
 
 
-SHAPES: dict[str, Shape] = {
+SHAPES = {
     "multisine": multisine,
     "chirp": chirp,
     "staircase": staircase,
@@ -97,7 +90,7 @@ SHAPES: dict[str, Shape] = {
 EXCITATIONS = (*SHAPES, "mixture")
 
 
-def _smooth(x: Array, samples: int) -> Array:
+def _smooth(x, samples):
     """Twice a moving mean over `samples`: corners become finite accelerations."""
     if samples < 2:
         return x
@@ -106,7 +99,7 @@ def _smooth(x: Array, samples: int) -> Array:
     return np.convolve(padded, window / window.sum(), mode="valid")
 
 
-def _mixture(rng: Generator, t: Array, own: Array) -> Array:
+def _mixture(rng, t, own):
     """Two or three shapes one after the other, each faded into the next within half a second."""
     names = rng.choice(list(SHAPES), int(rng.integers(2, 4)), replace=False)
     edges = np.linspace(t[0], t[-1], len(names) + 1)
@@ -121,7 +114,7 @@ def _mixture(rng: Generator, t: Array, own: Array) -> Array:
     return x
 
 
-def _angles(rig: Rig, kind: str, t: Array, paces: Array, seeds: list[int]) -> Array:
+def _angles(rig, kind, t, paces, seeds):
     """Angles of every joint at its pace; each joint draws from its own seed, so that only the pace changes them."""
     period = float(t[1] - t[0])
     columns = []
@@ -135,12 +128,12 @@ def _angles(rig: Rig, kind: str, t: Array, paces: Array, seeds: list[int]) -> Ar
     return np.stack(columns, axis=1)
 
 
-def _derivatives(q: Array, period: float) -> tuple[Array, Array]:
+def _derivatives(q, period):
     dq = np.gradient(q, period, axis=0)
     return dq, np.gradient(dq, period, axis=0)
 
 
-def load(rig: Rig, q: Array, period: float) -> Array:
+def load(rig, q, period):
     """How much of its limits each joint's motion takes: the larger of torque over limit and speed over limit, (n,)."""
     dq, ddq = _derivatives(q, period)
     few = slice(None, None, max(1, round(0.01 / period)))
@@ -155,23 +148,23 @@ def load(rig: Rig, q: Array, period: float) -> Array:
     )
 
 
-def _dither(rng: Generator, t: Array, size: Array) -> Array:
+def _dither(rng, t, size):
     """Four sines of torque per joint between 8 and 45 Hz."""
     hertz = log_uniform(rng, 8.0, 45.0, (len(size), 4))
     wave = np.sin(
         2.0 * np.pi * hertz * t[:, None, None] + rng.uniform(-np.pi, np.pi, (len(size), 4))
     )
-    return np.asarray(size * wave.sum(axis=2) / 2.0**0.5)
+    return size * wave.sum(axis=2) / 2.0**0.5
 
 
 def draw_reference(
-    rng: Generator,
-    rig: Rig,
-    kind: str,
-    seconds: float,
-    rate: float,
-    habit: Habit | None = None,
-) -> Reference:
+    rng,
+    rig,
+    kind,
+    seconds,
+    rate,
+    habit=None,
+):
     """The fastest motion of this kind that takes no more than a drawn share (40–70 %) of each joint's limits."""
     habit = habit or Habit()
     t = np.arange(round(seconds * rate)) / rate

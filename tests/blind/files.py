@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import numpy as np
 
-from .cases import Case
-from .corruption import Columns
 from .urdf import urdf_text, yaml_text
 
 FORMAT = "%.12g"
 
 
-def write_whole(path: Path, text: str) -> Path:
+def write_whole(path, text):
     """Write a file whole or not at all."""
     beside = path.with_name(f".{path.name}.part")
     beside.write_text(text, encoding="utf-8")
@@ -22,14 +19,14 @@ def write_whole(path: Path, text: str) -> Path:
     return path
 
 
-def csv_text(columns: Columns) -> str:
+def csv_text(columns):
     """Header row, one row per sample, twelve digits."""
     table = np.column_stack(list(columns.values()))
     line = ",".join([FORMAT] * table.shape[1])
     return "\n".join([",".join(columns), *(line % tuple(row) for row in table.tolist())]) + "\n"
 
 
-def write(case: Case, folder: Path) -> None:
+def write(case, folder):
     """Write log.csv, rig.urdf and rig.yaml: what a diagnoser may read."""
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "log.csv", csv_text(case.log))

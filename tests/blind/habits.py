@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.random import Generator
 
 from .draws import draw_sign, log_uniform
 from .rigs import Array
@@ -25,7 +24,7 @@ class Habit:
     turning: int | None = None
     path: Array | None = None
 
-    def fold(self, x: Array) -> Array:
+    def fold(self, x):
         """The first period of x (N, n) again and again, its end faded into its beginning."""
         if not self.period:
             return x
@@ -35,9 +34,9 @@ class Habit:
         once[: self.fade] = (
             soft * x[: self.fade] + (1.0 - soft) * x[self.period : self.period + self.fade]
         )
-        return np.asarray(once[np.arange(len(x)) % self.period])
+        return once[np.arange(len(x)) % self.period]
 
-    def motion(self, q: Array) -> Array:
+    def motion(self, q):
         """Angles (N, n), rad, as this habit has them."""
         q = self.fold(q)
         if self.held:
@@ -46,7 +45,7 @@ class Habit:
             q[:, self.turning] = self.path
         return q
 
-    def torque(self, dither: Array) -> Array:
+    def torque(self, dither):
         """Torque on top (N, n), N m: repeated with the motion, none on joints that are held."""
         dither = self.fold(dither)
         if self.held:
@@ -54,13 +53,13 @@ class Habit:
         return dither
 
 
-def repeated(samples: int, repeats: int, rate: float) -> Habit:
+def repeated(samples, repeats, rate):
     """A motion made `repeats` times within these samples, which it must divide."""
     period = samples // repeats
     return Habit(period, min(period // 2, round(LONGEST_FADE * rate)))
 
 
-def turning_path(rng: Generator, t: Array, turns: float) -> Array:
+def turning_path(rng, t, turns):
     """An angle (N,) that travels so many revolutions at a wandering speed, in every third log back again, rad."""
     hertz = log_uniform(rng, 0.03, 0.5, 4)
     phase = rng.uniform(-np.pi, np.pi, 4)
@@ -69,4 +68,4 @@ def turning_path(rng: Generator, t: Array, turns: float) -> Array:
     if rng.random() < 1.0 / 3.0:
         speed *= np.clip((rng.uniform(0.4, 0.7) * t[-1] - t) / 0.5, -1.0, 1.0)
     speed *= draw_sign(rng) * 2.0 * np.pi * turns / np.abs(speed).sum()
-    return np.asarray(np.cumsum(speed) + rng.uniform(-np.pi, np.pi))
+    return np.cumsum(speed) + rng.uniform(-np.pi, np.pi)

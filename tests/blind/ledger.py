@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .plant import Trace
 from .rigs import Array
 from .rnea import inverse_dynamics
-from .world import World
 
 AT_REST = 1e-3
 """Slower than this (rad/s), a joint counts as standing: no rate sensor tells the difference."""
@@ -33,20 +31,20 @@ class Ledger:
     effect: Array
 
 
-def baseline_dry(coulomb: Array, trace: Trace) -> Array:
+def baseline_dry(coulomb, trace):
     """F_c sign(v⁺) where it slides, and at rest the friction that acted, up to F_c."""
     at_rest = np.abs(trace.step_end_v) < AT_REST
     acted = trace.step_dry + trace.step_bristle
     return np.where(at_rest, np.clip(acted, -coulomb, coulomb), coulomb * np.sign(trace.step_end_v))
 
 
-def settle(world: World, trace: Trace) -> Ledger:
+def settle(world, trace):
     """Split the commands of a run by the reference rig's inverse dynamics, step by step."""
     rig = world.reference
     shape = (len(trace.t), -1, world.joints)
 
-    def held(x: Array) -> Array:
-        return np.asarray(x.reshape(shape).mean(axis=1))
+    def held(x):
+        return x.reshape(shape).mean(axis=1)
 
     q = world.encoder(trace.step_q)
     rigid = held(inverse_dynamics(rig, q, trace.step_v, trace.step_a))

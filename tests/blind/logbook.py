@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.random import Generator
 
-from .corruption import Columns
-from .motion import BaseMotion
-from .plant import Trace
-from .rigs import Array, Rig
 from .rnea import GRAVITY
-from .scene import Scene
 from .sensors import ACCELEROMETER_DENSITY, GYRO_DENSITY, kept_rows, stamps, torque_noise
 from .visibility import Channels
 
 AMBIENT = 25.0
 
 
-def columns_of(rig: Rig, t: Array, shown: Channels) -> Columns:
+def columns_of(rig, t, shown):
     columns = {"t": t}
     for prefix, values in (("q", shown.q), ("dq", shown.v), ("tau", shown.tau)):
         if values is not None:
@@ -25,14 +19,14 @@ def columns_of(rig: Rig, t: Array, shown: Channels) -> Columns:
     return columns
 
 
-def noisy_channels(scene: Scene, trace: Trace, rng: Generator) -> Channels:
+def noisy_channels(scene, trace, rng):
     """What these sensors showed."""
     noise = torque_noise(rng, scene.sensors, trace.command, scene.rate)
     rate = trace.measured_v if scene.sensors.has_rate else None
     return Channels(trace.measured_q, rate, trace.command + noise)
 
 
-def temperatures(rig: Rig, trace: Trace, period: float) -> Columns:
+def temperatures(rig, trace, period):
     """Windings warmed by the square of their torque, a first-order rise of 20 °C at the run's mean power."""
     columns = {}
     for i, (joint, motor) in enumerate(zip(rig.joints, rig.motors, strict=True)):
@@ -46,7 +40,7 @@ def temperatures(rig: Rig, trace: Trace, period: float) -> Columns:
     return columns
 
 
-def imu(rig: Rig, t: Array, motion: BaseMotion | None) -> Columns:
+def imu(rig, t, motion):
     """Rate and specific force of the base link, in its own frame; at rest where there is no motion."""
     still = np.zeros((len(t), 3))
     gyro, force = motion.imu(t) if motion else (still, still - GRAVITY)
@@ -58,7 +52,7 @@ def imu(rig: Rig, t: Array, motion: BaseMotion | None) -> Columns:
     return {name: (gyro if name.startswith("gyro") else force)[:, i] for name, i in names}
 
 
-def shaken(columns: Columns, rng: Generator, rate: float) -> Columns:
+def shaken(columns, rng, rate):
     """The IMU's and the thermometers' columns with white noise, the thermometers in steps of 0.1 °C."""
     density = {"gyro": float(GYRO_DENSITY), "accel": ACCELEROMETER_DENSITY}
     noisy = {}
@@ -73,7 +67,7 @@ def shaken(columns: Columns, rng: Generator, rate: float) -> Columns:
     return noisy
 
 
-def write_columns(scene: Scene, shown: Channels, extra: Columns, rng: Generator) -> Columns:
+def write_columns(scene, shown, extra, rng):
     """The log as it is written: stamped, with rows lost, in every other log with the reference."""
     rig = scene.rig
     t = scene.reference.t

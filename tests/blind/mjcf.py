@@ -8,7 +8,7 @@ from enum import Enum
 import mujoco
 import numpy as np
 
-from .rigs import EYE, Array, Inertia, Rig
+from .rigs import EYE, Array, Inertia
 
 BASE_DOFS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
 DRIVEN = 1e8
@@ -44,17 +44,17 @@ class Appendage:
     rotation: Array = field(default_factory=lambda: EYE)
 
 
-def _numbers(values: Array) -> str:
+def _numbers(values):
     return " ".join(f"{float(value):.17g}" for value in values)
 
 
-def _pose(rotation: Array, position: Array) -> str:
+def _pose(rotation, position):
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).reshape(9))
     return f'pos="{_numbers(position)}" quat="{_numbers(quaternion)}"'
 
 
-def _inertial(inertia: Inertia) -> str:
+def _inertial(inertia):
     tensor = inertia.tensor
     full = np.array(
         [tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]]
@@ -62,13 +62,13 @@ def _inertial(inertia: Inertia) -> str:
     return f'<inertial pos="{_numbers(inertia.com)}" mass="{inertia.mass:.17g}" fullinertia="{_numbers(full)}"/>'
 
 
-def _joint(name: str, kind: str, axis: Array, armature: float = 0.0) -> str:
+def _joint(name, kind, axis, armature=0.0):
     return (
         f'<joint name="{name}" type="{kind}" axis="{_numbers(axis)}" armature="{armature:.17g}"/>'
     )
 
 
-def _dangling(appendages: tuple[Appendage, ...], parent: int) -> str:
+def _dangling(appendages, parent):
     parts = []
     for item in (a for a in appendages if a.parent == parent):
         joints = "".join(_joint(hinge.name, hinge.kind, hinge.axis) for hinge in item.hinges)
@@ -78,7 +78,7 @@ def _dangling(appendages: tuple[Appendage, ...], parent: int) -> str:
     return "".join(parts)
 
 
-def _chain(rig: Rig, appendages: tuple[Appendage, ...]) -> str:
+def _chain(rig, appendages):
     """The links from the tip inwards, each holding the next; the payload is a body of its own, welded on."""
     payload = rig.payload
     inner = f"<body {_pose(payload.rotation, payload.position)}>{_inertial(payload.inertia)}</body>"
@@ -92,16 +92,14 @@ def _chain(rig: Rig, appendages: tuple[Appendage, ...]) -> str:
     return _dangling(appendages, -1) + inner
 
 
-def _base_joints(base: Base) -> str:
+def _base_joints(base):
     armature = DRIVEN if base is Base.DRIVEN else 0.0
     axes = dict(zip(BASE_DOFS, np.vstack([EYE, EYE[::-1]]), strict=True))
     kinds = ("slide", "slide", "slide", "hinge", "hinge", "hinge")
     return "".join(_joint(n, k, axes[n], armature) for n, k in zip(BASE_DOFS, kinds, strict=True))
 
 
-def build(
-    rig: Rig, appendages: tuple[Appendage, ...], base: Base, base_inertia: Inertia
-) -> mujoco.MjModel:
+def build(rig, appendages, base, base_inertia):
     """Compile the plant; contacts and limits are off, every other force comes from the loop."""
     body = _chain(rig, appendages)
     if base is not Base.FIXED:

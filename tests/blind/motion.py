@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.random import Generator
 from scipy.interpolate import CubicSpline
 
 from .draws import log_uniform
@@ -23,13 +22,13 @@ class BaseMotion:
     omega: Array
     phase: Array
 
-    def at(self, t: Array) -> tuple[Array, Array, Array]:
+    def at(self, t):
         """Value, first and second derivative at times t (N,): three arrays (N, 6)."""
         pieces = [self._few(t[k : k + CHUNK]) for k in range(0, len(t), CHUNK)]
         value, rate, second = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
         return value, rate, second
 
-    def _few(self, t: Array) -> tuple[Array, Array, Array]:
+    def _few(self, t):
         angle = self.omega * t[:, None, None] + self.phase
         a = self.amplitude
         w = self.omega
@@ -37,13 +36,13 @@ class BaseMotion:
         slope = a * w * np.cos(angle)
         return wave.sum(axis=2), slope.sum(axis=2), -(w * w * wave).sum(axis=2)
 
-    def sampled(self, dt: float, seconds: float) -> SampledPath:
+    def sampled(self, dt, seconds):
         """The path at every half step, by splines through every KNOT: what the simulation loop follows."""
         knots = np.arange(0.0, seconds + 10.0 * KNOT, KNOT)
         t = np.arange(int(2.0 * seconds / dt) + 4) * 0.5 * dt
         return SampledPath(0.5 * dt, CubicSpline(knots, np.hstack(self.at(knots)))(t))
 
-    def imu(self, t: Array) -> tuple[Array, Array]:
+    def imu(self, t):
         """Rate (rad/s) and specific force (m/s²) in the base's frame at times t: two arrays (N, 3)."""
         value, rate, second = self.at(t)
         yaw, pitch, roll = value[:, 3:].T
@@ -65,12 +64,12 @@ class SampledPath:
     spacing: float
     table: Array
 
-    def __call__(self, t: float) -> tuple[list[float], list[float], list[float]]:
-        row: list[float] = self.table[round(t / self.spacing)].tolist()
+    def __call__(self, t):
+        row = self.table[round(t / self.spacing)].tolist()
         return row[:6], row[6:12], row[12:]
 
 
-def _attitude(yaw: Array, pitch: Array, roll: Array) -> Array:
+def _attitude(yaw, pitch, roll):
     """R = Rz(yaw) Ry(pitch) Rx(roll), (N, 3, 3)."""
     sy, cy, sp, cp, sr, cr = (f(x) for x in (yaw, pitch, roll) for f in (np.sin, np.cos))
     rows = [
@@ -81,9 +80,7 @@ def _attitude(yaw: Array, pitch: Array, roll: Array) -> Array:
     return np.array(rows).transpose(2, 0, 1)
 
 
-def _band(
-    rng: Generator, low: float, high: float, count: int, rms: float
-) -> tuple[Array, Array, Array]:
+def _band(rng, low, high, count, rms):
     """`count` sines in a band of Hz, log-uniform, with this rms together: amplitude, ω, phase (3, count)."""
     omega = 2.0 * np.pi * log_uniform(rng, low, high, (3, count))
     return (
@@ -93,9 +90,7 @@ def _band(
     )
 
 
-def _joined(
-    travel: list[tuple[Array, Array, Array]], attitude: list[tuple[Array, Array, Array]]
-) -> BaseMotion:
+def _joined(travel, attitude):
     """Bands of acceleration (m/s²) and of attitude (rad) as one motion."""
     meters = [(a / w**2, w, p) for a, w, p in travel]
     upper, lower = (
@@ -108,11 +103,11 @@ def _joined(
     return BaseMotion(*padded)
 
 
-def _pad(x: Array, width: int) -> Array:
+def _pad(x, width):
     return np.pad(x, ((0, 0), (0, width - x.shape[1])))
 
 
-def profile_s(rng: Generator, size: float) -> BaseMotion:
+def profile_s(rng, size):
     """5° at 0.2–1 Hz and 0.3° at 4–12 Hz of attitude, 1 m/s² at 0.2–2 Hz, rms per axis, all times `size`."""
     attitude = [
         _band(rng, 0.2, 1.0, 20, np.radians(5.0) * size),
@@ -121,7 +116,7 @@ def profile_s(rng: Generator, size: float) -> BaseMotion:
     return _joined([_band(rng, 0.2, 2.0, 20, size)], attitude)
 
 
-def handheld(rng: Generator, size: float) -> BaseMotion:
+def handheld(rng, size):
     """A walk: lines at a step rate near 1.8 Hz and its multiples, above a slow sway."""
     step = rng.uniform(1.5, 2.1)
     lines = [

@@ -5,42 +5,36 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.random import Generator
 
 from .arm_draw import locked
 from .control import draw_soft_gains, feed_forward
 from .drive_sensors import control_rate, draw_drive_sensors
-from .effects import Effect
-from .excitation import Reference, draw_reference, load
+from .excitation import draw_reference, load
 from .habits import Habit, repeated, turning_path
-from .plan import DrivePlan
+from .plan import ALIGNED
 from .rig_draw import nominal
-from .rigs import Array, Inertia, Rig
+from .rigs import Inertia
 from .scene import FINE_STEP, Scene
 
-Streams = dict[str, Generator]
 LONG_S, LONG_STEP = 120.0, 1e-3
 MANY, MANY_STEP = 5, 0.5e-3
 """Steps (s) of runs that would take too long: of more than LONG_S, of MANY joints or more."""
-ALIGNABLE = ("delay", "actuator-lag")
 CLEAR_OF_IT = 8e-3
-"""Effects that a shift of channels takes up, and from which time (s) on it does not."""
+"""Time (s) from which on a shift of channels does not take up an effect."""
 CREEP = 0.03
 """Speed (rad/s) at which a controller's friction torque has nearly all of its size."""
 ENOUGH = 0.9
 """Share of its limits beyond which a joint that turns is slowed down."""
 
 
-def _endless(rig: Rig, joint: int, speed: float) -> Rig:
+def _endless(rig, joint, speed):
     """The rig with a joint that turns on and on, and motors for it."""
     links = list(rig.links)
     links[joint] = replace(links[joint], continuous=True)
     return replace(rig, links=tuple(links), velocity_limit=max(rig.velocity_limit, 2.5 * speed))
 
 
-def _turning_reference(
-    plan: DrivePlan, rig: Rig, joint: int, rate: float, held: tuple[int, ...], seed: int
-) -> Reference:
+def _turning_reference(plan, rig, joint, rate, held, seed):
     """As many turns as are wanted, or half of them, and so on, until the motors can do it."""
     turns = plan.turns
     t = np.arange(round(plan.seconds * rate)) / rate
@@ -54,15 +48,13 @@ def _turning_reference(
     return reference
 
 
-def _friction_forward(plan: DrivePlan, rig: Rig, reference: Reference, rng: Generator) -> Array:
+def _friction_forward(plan, rig, reference, rng):
     """What the controller adds against friction, N m (N, n): always on arms, whose loops are soft, else at times."""
     share = rng.uniform(0.6, 0.95) if plan.arm or rng.random() < 0.4 else 0.0
-    return np.asarray(
-        share * (rig.coulomb * np.tanh(reference.dq / CREEP) + rig.viscous * reference.dq)
-    )
+    return share * (rig.coulomb * np.tanh(reference.dq / CREEP) + rig.viscous * reference.dq)
 
 
-def stage(plan: DrivePlan, full: Rig, streams: Streams) -> tuple[Rig, Scene]:
+def stage(plan, full, streams):
     """The rig of the URDF and the scene: the same rig, or the one that is left where a joint is bolted."""
     rng = streams["motion"]
     rate = control_rate(plan.rate)
@@ -81,11 +73,9 @@ def stage(plan: DrivePlan, full: Rig, streams: Streams) -> tuple[Rig, Scene]:
         place = turning - int(gone and idle < turning)
         reference = _turning_reference(plan, rig, place, rate, held, int(rng.integers(2**31)))
     else:
-        habit = (
-            replace(repeated(samples, plan.repeats, rate), held=held)
-            if plan.repeats > 1
-            else Habit(held=held)
-        )
+        habit = Habit(held=held)
+        if plan.repeats > 1:
+            habit = replace(repeated(samples, plan.repeats, rate), held=held)
         reference = draw_reference(rng, rig, plan.excitation, samples / rate, rate, habit)
     gains = draw_soft_gains(streams["control"], rig, reference, held)
     forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, gains)
@@ -96,7 +86,7 @@ def stage(plan: DrivePlan, full: Rig, streams: Streams) -> tuple[Rig, Scene]:
     return full, Scene(rig, reference, gains, forward, sensors, rate, seed, held, step)
 
 
-def given(plan: DrivePlan, full: Rig, rng: Generator) -> Rig:
+def given(plan, full, rng):
     """The URDF's rig: exact where it is to be trusted, else off by 0–20 %, and its camera by more."""
     if plan.trusted:
         return full
@@ -106,9 +96,9 @@ def given(plan: DrivePlan, full: Rig, rng: Generator) -> Rig:
     return rig.with_payload(Inertia(share * body.mass, body.com, share * body.tensor))
 
 
-def clear_of_alignment(effect: Effect) -> Effect:
+def clear_of_alignment(effect):
     """A delay or lag that is too long to be taken for a shift between channels."""
-    if effect.cause not in ALIGNABLE:
+    if effect.cause not in ALIGNED:
         return effect
     value = float(getattr(effect, effect.grows))
     return effect.scaled(CLEAR_OF_IT / value) if value < CLEAR_OF_IT else effect

@@ -10,6 +10,8 @@ STRATA = {
 """Name → part of the seed of its draws."""
 SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 LEVELS = ("clean", "dirty")
+ALIGNED = ("delay", "actuator-lag")
+"""Effects that a shift between channels looks like."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ q_m = q + dt/2 v,   M(q_m) (v⁺ - v)/dt + h(q_m, v_m) + f_dry = u + forces,   q
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable
 from dataclasses import dataclass
 from operator import mul
 
@@ -15,10 +14,7 @@ import numpy as np
 
 from .rigs import Array
 from .stick import dry_friction
-from .world import State, World
-
-Controller = Callable[[int, list[float], list[float]], tuple[list[float], list[float], list[float]]]
-"""(sample, true q, true v of the encoders' side) → (measured q, measured v, torque command)."""
+from .world import State
 
 RUNAWAY = 200.0
 
@@ -50,7 +46,7 @@ class Trace:
 class Stepper:
     """Owns the state of every degree of freedom and advances it by one step under a held command."""
 
-    def __init__(self, world: World, q: list[float], v: list[float]) -> None:
+    def __init__(self, world, q, v):
         self.world, self.model, self.data = world, world.model, world.data
         self.state = State(world.dt, world.joints, world.dofs)
         self.time = 0.0
@@ -74,7 +70,7 @@ class Stepper:
         self._inverse = np.zeros((world.dofs, world.dofs))
         self._eye = np.eye(world.dofs)
 
-    def _dynamics(self) -> tuple[list[list[float]], list[float]]:
+    def _dynamics(self):
         """M⁻¹ and h at the middle of the step, from MuJoCo."""
         state = self.state
         model = self.model
@@ -92,7 +88,7 @@ class Stepper:
         mujoco.mj_solveM(model, data, self._inverse, self._eye)
         return self._inverse.tolist(), self._bias.tolist()
 
-    def _applied(self, command: list[float]) -> list[float]:
+    def _applied(self, command):
         """Motor, viscous and every other smooth force, on each degree of freedom."""
         state = self.state
         dofs = self.world.dof
@@ -111,7 +107,7 @@ class Stepper:
             law(state)
         return state.force
 
-    def step(self, command: list[float]) -> None:
+    def step(self, command):
         """Advance by dt; afterwards `state` holds the middle of the step, `q`, `v` its end, `a` its acceleration."""
         state = self.state
         dt = self.world.dt
@@ -139,64 +135,50 @@ class Stepper:
 
 
 def simulate(
-    world: World,
-    controller: Controller,
-    start: tuple[list[float], list[float]],
-    samples: int,
-    substeps: int,
-) -> Trace:
-    """Run `samples` samples of `substeps` steps each; the command of a sample is held until the next.
+    world,
+    controller,
+    start,
+    samples,
+    substeps,
+):
+    """Run `samples` samples of `substeps` steps each; the command of a sample is held until the next;
+    `controller`: (sample, true q and v of the encoders' side) → (measured q and v, torque command).
 
     Raises: PlantDivergedError when a joint's speed runs away."""
     stepper = Stepper(world, *start)
     dofs = world.dof
-    rows = Tape(world.joints, 5)
-    steps = Tape(world.joints, 6)
-    follow = _follow_base(world, stepper)
+    rows = array("d")  # which the garbage collector need not look at
+    steps = array("d")
     for k in range(samples):
         q = [stepper.q[d] for d in dofs]
         v = [stepper.v[d] for d in dofs]
         measured_q, measured_v, command = controller(k, q, v)
-        rows.write([*q, *v, *measured_q, *measured_v, *command])
+        rows.extend([*q, *v, *measured_q, *measured_v, *command])
         for _ in range(substeps):
-            follow()
+            if world.base_path is not None:
+                _follow_base(world, stepper)
             stepper.step(command)
             channels = (stepper.state.q, stepper.state.v, stepper.a, stepper.v, stepper.dry)
-            steps.write([*(values[d] for values in channels for d in dofs), *stepper.state.bristle])
+            steps.extend(
+                [*(values[d] for values in channels for d in dofs), *stepper.state.bristle]
+            )
         if not all(abs(x) < RUNAWAY for x in stepper.v):  # also where a speed is not a number
             raise PlantDivergedError(
                 f"speed {max(map(abs, stepper.v)):.3g} rad/s after {stepper.time:.3f} s"
             )
-    t = np.asarray(np.arange(samples) * world.dt * substeps, dtype=np.float64)
-    return Trace(t, *rows.columns(), *steps.columns())
+    t = np.arange(samples) * world.dt * substeps
+    return Trace(t, *_columns(rows, 5, world.joints), *_columns(steps, 6, world.joints))
 
 
-class Tape:
-    """Rows of floats as they come, kept where the garbage collector need not look at them."""
-
-    def __init__(self, width: int, channels: int) -> None:
-        self.width = width
-        self.channels = channels
-        self.values = array("d")
-
-    def write(self, values: list[float]) -> None:
-        self.values.extend(values)
-
-    def columns(self) -> list[Array]:
-        """One array (N, width) for each channel."""
-        table = np.array(self.values).reshape(-1, self.channels, self.width)
-        return [np.ascontiguousarray(table[:, i]) for i in range(self.channels)]
+def _columns(values, channels, width):
+    """One array (N, width) for each channel of a flat tape."""
+    table = np.array(values).reshape(-1, channels, width)
+    return [np.ascontiguousarray(table[:, i]) for i in range(channels)]
 
 
-def _follow_base(world: World, stepper: Stepper) -> Callable[[], None]:
-    """Before each step, put a driven base exactly where its path says."""
-    path = world.base_path
-    dofs = world.base_dofs
-    if path is None:
-        return lambda: None
-
-    def follow() -> None:
-        for dof, q, v, a in zip(dofs, *path(stepper.time), strict=True):
-            stepper.q[dof], stepper.v[dof], stepper.a[dof] = q, v, a
-
-    return follow
+def _follow_base(world, stepper):
+    """Put a driven base exactly where its path says."""
+    for dof, q, v, a in zip(world.base_dofs, *world.base_path(stepper.time), strict=True):
+        stepper.q[dof] = q
+        stepper.v[dof] = v
+        stepper.a[dof] = a

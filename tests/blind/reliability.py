@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from matplotlib.figure import Figure as Picture
 
 from .conventions import COMPANY, LOOK_ALIKES
-from .judge import Json, Judged, same_joint, visible
-from .table import Figure, wilson
+from .judge import same_joint, visible
+from .table import Figure, count_share, wilson
 
 BINS = 10
 
@@ -36,7 +34,7 @@ class Bin:
     bounds: tuple[float, float]
 
     @property
-    def share(self) -> float:
+    def share(self):
         """Share of right claims."""
         return self.right / self.count
 
@@ -51,17 +49,17 @@ class Reliability:
     unlisted: int
 
     @property
-    def count(self) -> int:
+    def count(self):
         """Claims in all."""
         return sum(each.count for each in self.bins)
 
 
-def alike(name: str) -> frozenset[str]:
+def alike(name):
     """The causes that no log tells from this one, itself among them."""
     return next((names for names in LOOK_ALIKES if name in names), frozenset({name}))
 
 
-def is_right(case: Judged, name: str, joint: str | None) -> bool | None:
+def is_right(case, name, joint):
     """Whether a cause, or its look-alike, acts visibly at a joint (None: anywhere); None: neither right nor wrong.
 
     Left out are planted causes that are not visible there, faults that the log has by its sensors, what a form brings
@@ -81,9 +79,9 @@ def is_right(case: Judged, name: str, joint: str | None) -> bool | None:
     return None if planted else False
 
 
-def claims(case: Judged) -> list[Claim]:
+def claims(case):
     """What a diagnosis states of each cause at each place; look-alikes at one place are one claim of their sum."""
-    sums: dict[tuple[frozenset[str], str | None], float] = {}
+    sums = {}
     for said in case.diagnosis["causes"]:
         place = alike(str(said["cause"])), said["joint"]
         sums[place] = sums.get(place, 0.0) + float(said["probability"])
@@ -91,14 +89,14 @@ def claims(case: Judged) -> list[Claim]:
     return [Claim(min(p, 1.0), right) for p, right in judged if right is not None]
 
 
-def _is_listed(case: Judged, cause: Json) -> bool:
+def _is_listed(case, cause):
     names = frozenset({"unknown"}) if cause["outside"] else alike(cause["cause"])
     return any(
         said["cause"] in names and same_joint(said, cause) for said in case.diagnosis["causes"]
     )
 
 
-def measure(cases: Iterable[Judged]) -> Reliability:
+def measure(cases):
     """The reliability of all probabilities in diagnoses that state them, of logs without a planted fault of the data.
 
     The bounds count claims, of which a log states several: as if they did not depend on each other.
@@ -110,101 +108,43 @@ def measure(cases: Iterable[Judged]) -> Reliability:
         raise ValueError(
             "no diagnosis states a probability that can be judged: diagnose the logs again"
         )
-    edges = np.linspace(0.0, 1.0, BINS + 1)
-    rows = np.minimum(
-        (np.array([claim.probability for claim in every]) * BINS).astype(int), BINS - 1
-    )
     bins = []
-    for k, (low, high) in enumerate(pairwise(edges)):
-        inside = [claim for claim, row in zip(every, rows, strict=True) if row == k]
+    for k in range(BINS):
+        inside = [claim for claim in every if min(int(claim.probability * BINS), BINS - 1) == k]
         if inside:
             mean = float(np.mean([claim.probability for claim in inside]))
             right = sum(claim.right for claim in inside)
-            bins.append(
-                Bin(float(low), float(high), len(inside), mean, right, wilson(right, len(inside)))
-            )
+            bounds = wilson(right, len(inside))
+            bins.append(Bin(k / BINS, (k + 1) / BINS, len(inside), mean, right, bounds))
     error = sum(each.count * abs(each.share - each.mean) for each in bins) / len(every)
     seen = [(case, cause) for case in stated for cause in case.causes if visible(cause)]
     return Reliability(tuple(bins), error, len(seen), sum(not _is_listed(*one) for one in seen))
 
 
-def as_figures(found: Reliability) -> list[Figure]:
+def as_figures(found):
     """The rows of the published table: the error, and how many claims of 50 % and more are right."""
     sure = [each for each in found.bins if each.low >= 0.5]
     right = sum(each.right for each in sure)
     count = sum(each.count for each in sure)
-    error = Figure(
-        "expected calibration error, ten bins",
-        found.error,
-        0.0,
-        1.0,
-        found.count,
-        (0.0, 0.05),
-        (0.0, 0.02),
-    )
-    share = right / count if count else None
+    ranges = ((0.0, 0.05), (0.0, 0.02))
+    name = "expected calibration error, ten bins"
     return [
-        error,
-        Figure("causes of 50 % and more that are right", share, *wilson(right, count), count),
-        Figure("visible causes that are not listed", found.unlisted / found.planted if found.planted else None,
-               *wilson(found.unlisted, found.planted), found.planted),
-    ]  # fmt: skip
+        Figure(name, found.error, 0.0, 1.0, found.count, *ranges),
+        count_share("causes of 50 % and more that are right", right, count),
+        count_share("visible causes that are not listed", found.unlisted, found.planted),
+    ]
 
 
-def text(bins: Sequence[Bin]) -> str:
-    """The bins as a Markdown table."""
-    lines = ["| probability | claims | mean | right | 95 % bounds |", "|---" * 5 + "|"]
-    for each in bins:
-        low, high = each.bounds
-        lines.append(
-            f"| {100 * each.low:.0f}–{100 * each.high:.0f} % | {each.count} | {100 * each.mean:.1f} % | "
-            f"{100 * each.share:.1f} % | {100 * low:.1f} … {100 * high:.1f} % |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def chart(found: Reliability) -> Picture:
-    """Share of right claims over their mean probability with Wilson bounds; below, how many claims there are."""
-    picture = Picture(figsize=(5.0, 6.0), layout="constrained")
-    above, below = picture.subplots(2, 1, sharex=True, height_ratios=(4, 1))
+def chart(found):
+    """Share of right claims over their mean probability, with Wilson bounds."""
+    picture = Picture(figsize=(5.0, 5.0), layout="constrained")
+    axes = picture.subplots()
     mean = np.array([each.mean for each in found.bins])
     share = np.array([each.share for each in found.bins])
     bounds = np.array([each.bounds for each in found.bins]).T
-    above.plot(
-        [0.0, 1.0], [0.0, 1.0], color="0.6", linestyle="--", linewidth=1.0, label="calibrated"
-    )
-    above.errorbar(
-        mean,
-        share,
-        np.abs(bounds - share),
-        color="C0",
-        marker="o",
-        capsize=3,
-        label="measured, 95 % bounds",
-    )
-    above.set(
-        ylabel="share that is right",
-        xlim=(0.0, 1.0),
-        ylim=(-0.02, 1.22),
-        yticks=np.linspace(0, 1, 6),
-    )
-    above.set_title(
-        f"{found.count} stated probabilities, calibration error {found.error:.3f}",
-        fontsize="medium",
-    )
-    above.legend(loc="upper center", ncols=2, frameon=False)
-    lows = [each.low for each in found.bins]
-    widths = [each.high - each.low for each in found.bins]
-    below.bar(
-        lows,
-        [each.count for each in found.bins],
-        widths,
-        align="edge",
-        color="C0",
-        edgecolor="white",
-    )
-    below.set(xlabel="stated probability", ylabel="claims", yscale="log", ylim=(0.5, None))
-    for axes in (above, below):
-        axes.grid(color="0.9", linewidth=0.6)
-        axes.set_axisbelow(True)
+    axes.plot([0.0, 1.0], [0.0, 1.0], "--", label="calibrated")
+    axes.errorbar(mean, share, np.abs(bounds - share), fmt="o-", label="measured, 95 % bounds")
+    axes.set(xlabel="stated probability", ylabel="share that is right")
+    axes.set_title(f"{found.count} probabilities, calibration error {found.error:.3f}")
+    axes.legend()
     return picture

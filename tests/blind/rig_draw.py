@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.random import Generator
 
-from .rigs import EYE, Array, Inertia, Link, Motor, Payload, Rig, rotation_about
+from .draws import log_uniform
+from .rigs import EYE, Inertia, Link, Motor, Payload, Rig, rotation_about
 from .rnea import inverse_dynamics
 
 X, Y, Z = EYE
-ORDERS: dict[int, tuple[tuple[str, ...], ...]] = {
+ORDERS = {
     1: (("tilt",), ("roll",), ("pan",), ("swing",)),
     2: (("pan", "tilt"), ("roll", "tilt"), ("pan", "roll")),
     3: (
@@ -21,8 +21,8 @@ ORDERS: dict[int, tuple[tuple[str, ...], ...]] = {
         ("roll", "pan", "tilt"),
     ),
 }
-AXES: dict[str, Array] = {"pan": Z, "roll": X, "tilt": Y, "swing": Y}
-JOINT_NAMES: tuple[dict[str, str], ...] = (
+AXES = {"pan": Z, "roll": X, "tilt": Y, "swing": Y}
+JOINT_NAMES = (
     {"pan": "yaw", "roll": "roll", "tilt": "tilt", "swing": "tilt"},
     {"pan": "pan", "roll": "roll", "tilt": "pitch", "swing": "pitch"},
     {
@@ -33,7 +33,7 @@ JOINT_NAMES: tuple[dict[str, str], ...] = (
     },
     {"pan": "j_z", "roll": "j_x", "tilt": "j_y", "swing": "j_y"},
 )
-LINK_NAMES: tuple[tuple[str, ...], ...] = (
+LINK_NAMES = (
     ("head", "spine", "fork", "cradle", "camera"),
     ("base", "arm_1", "arm_2", "arm_3", "payload"),
     ("platform", "outer_ring", "middle_ring", "inner_ring", "lens"),
@@ -42,12 +42,12 @@ LINK_NAMES: tuple[tuple[str, ...], ...] = (
 WINDINGS = ((12, 14), (24, 22), (24, 28), (36, 42), (18, 16))
 
 
-def tilted(rng: Generator, degrees: float) -> Array:
+def tilted(rng, degrees):
     axis = rng.normal(size=3)
     return rotation_about(axis / np.linalg.norm(axis), np.radians(degrees) * rng.uniform(-1.0, 1.0))
 
 
-def _box(rng: Generator, mass: float, edge: float, offset: float) -> Inertia:
+def _box(rng, mass, edge, offset):
     """A box of about `edge` m, turned a little, its centre `offset` m away in some direction."""
     squares = (edge * rng.uniform(0.6, 1.4, 3)) ** 2
     turn = tilted(rng, 25.0)
@@ -56,7 +56,7 @@ def _box(rng: Generator, mass: float, edge: float, offset: float) -> Inertia:
     return Inertia(mass, offset * direction / np.linalg.norm(direction), tensor)
 
 
-def _motor(rng: Generator, tau_max: float) -> Motor:
+def _motor(rng, tau_max):
     slots, poles = WINDINGS[rng.integers(len(WINDINGS))]
     return Motor(
         torque_constant=rng.uniform(0.05, 0.4),
@@ -70,13 +70,7 @@ def _motor(rng: Generator, tau_max: float) -> Motor:
     )
 
 
-def _travel(rng: Generator, kind: str) -> float:
-    return float(rng.uniform(2.0, 3.1) if kind == "pan" else rng.uniform(0.7, 1.5))
-
-
-def _links(
-    rng: Generator, kinds: tuple[str, ...], mass: float, edge: float, reach: float
-) -> list[Link]:
+def _links(rng, kinds, mass, edge, reach):
     """The chain; frames are either all parallel or have their own z along the axis, as URDFs in the wild do."""
     joints = JOINT_NAMES[rng.integers(len(JOINT_NAMES))]
     names = LINK_NAMES[rng.integers(len(LINK_NAMES))]
@@ -93,7 +87,7 @@ def _links(
             edge * rng.uniform(0.02, 0.12),
         )
         position = Z * edge if i == 0 else reach * rng.uniform(-1.0, 1.0, 3)
-        span = _travel(rng, kind)
+        span = rng.uniform(2.0, 3.1) if kind == "pan" else rng.uniform(0.7, 1.5)
         endless = kind == "pan" and i == 0 and rng.random() < 0.3
         axis = frame.T @ direction
         links.append(
@@ -113,7 +107,7 @@ def _links(
     return links
 
 
-def frame_of(direction: Array, rng: Generator) -> Array:
+def frame_of(direction, rng):
     """A rotation whose third column is `direction`."""
     helper = X if abs(direction[0]) < 0.5 else Y
     first = np.cross(helper, direction)
@@ -121,10 +115,10 @@ def frame_of(direction: Array, rng: Generator) -> Array:
     return frame @ rotation_about(Z, rng.uniform(-np.pi, np.pi))
 
 
-def draw_rig(rng: Generator, axes: int) -> Rig:
+def draw_rig(rng, axes):
     """A rig with `axes` axes: torque limit 1–5 N m, masses and sizes that fit it."""
     kinds = ORDERS[axes][rng.integers(len(ORDERS[axes]))]
-    tau_max = float(np.exp(rng.uniform(0.0, np.log(5.0))))
+    tau_max = log_uniform(rng, 1.0, 5.0)
     mass = tau_max * rng.uniform(0.9, 1.6)
     edge = float((mass / 700.0) ** (1.0 / 3.0))
     concentric = rng.random() < 0.5
@@ -146,7 +140,7 @@ def draw_rig(rng: Generator, axes: int) -> Rig:
     return strong_enough(rng, rig)
 
 
-def strong_enough(rng: Generator, rig: Rig) -> Rig:
+def strong_enough(rng, rig):
     """Motors of at least 3.5 times the gravity that they meet; a rig that cannot move shows nothing."""
     spans = np.array([link.upper for link in rig.links])
     q = spans * rng.uniform(-1.0, 1.0, (200, len(spans)))
@@ -158,7 +152,7 @@ def strong_enough(rng: Generator, rig: Rig) -> Rig:
     return rig
 
 
-def _perturbed(rng: Generator, inertia: Inertia, spread: float) -> Inertia:
+def _perturbed(rng, inertia, spread):
     """Other rigid parameters within `spread`, still a real body: Σ = tr(I)/2 - I turns into A Σ Aᵀ."""
     stretch = EYE + 0.5 * spread * rng.uniform(-1.0, 1.0, (3, 3))
     second = 0.5 * np.trace(inertia.tensor) * EYE - inertia.tensor
@@ -170,9 +164,6 @@ def _perturbed(rng: Generator, inertia: Inertia, spread: float) -> Inertia:
     return Inertia(mass, com, np.trace(second) * EYE - second)
 
 
-def nominal(rng: Generator, rig: Rig, spread: float) -> Rig:
+def nominal(rng, rig, spread):
     """The rig as its URDF has it: geometry right, rigid parameters off by up to `spread` (0–0.2)."""
-    links = tuple(
-        replace(link, inertia=_perturbed(rng, link.inertia, spread)) for link in rig.links
-    )
-    return replace(rig, links=links).with_payload(_perturbed(rng, rig.payload.inertia, spread))
+    return rig.with_inertias(lambda inertia: _perturbed(rng, inertia, spread))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-EYE: Array = np.eye(3)
+EYE = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -19,18 +19,18 @@ class Inertia:
     com: Array
     tensor: Array
 
-    def seen_from(self, rotation: Array, position: Array) -> Inertia:
+    def seen_from(self, rotation, position):
         """The same body in the frame in which its present frame stands at `position`, turned by `rotation`."""
         return Inertia(
             self.mass, rotation @ self.com + position, rotation @ self.tensor @ rotation.T
         )
 
-    def about_origin(self) -> Array:
+    def about_origin(self):
         """I_o = I_c + m (cᵀc 1 - c cᵀ), kg m², (3, 3)."""
         c = self.com
         return self.tensor + self.mass * (c @ c * EYE - np.outer(c, c))
 
-    def plus(self, other: Inertia) -> Inertia:
+    def plus(self, other):
         """Both bodies as one rigid body."""
         mass = self.mass + other.mass
         com = (self.mass * self.com + other.mass * other.com) / mass
@@ -41,7 +41,7 @@ class Inertia:
         )
         return Inertia(mass, com, tensor)
 
-    def vector(self) -> Array:
+    def vector(self):
         """(m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the origin): what torque is linear in, (10,)."""
         upper = self.about_origin()[np.triu_indices(3)]
         return np.concatenate([[self.mass], self.mass * self.com, upper])
@@ -75,7 +75,7 @@ class Payload:
     inertia: Inertia
 
     @property
-    def on_link(self) -> Inertia:
+    def on_link(self):
         """Its inertia in the last link's frame."""
         return self.inertia.seen_from(self.rotation, self.position)
 
@@ -107,56 +107,57 @@ class Rig:
     velocity_limit: float
 
     @property
-    def joints(self) -> tuple[str, ...]:
+    def joints(self):
         """Joint names, base to tip."""
         return tuple(link.joint for link in self.links)
 
     @property
-    def bodies(self) -> tuple[Inertia, ...]:
+    def bodies(self):
         """One rigid body for each joint, the payload merged into the last."""
         bodies = [link.inertia for link in self.links]
         return (*bodies[:-1], bodies[-1].plus(self.payload.on_link))
 
     @property
-    def coulomb(self) -> Array:
+    def coulomb(self):
         """Dry friction of each joint, N m, (n,)."""
         return np.array([motor.coulomb for motor in self.motors])
 
     @property
-    def viscous(self) -> Array:
+    def viscous(self):
         """Viscous friction of each joint, N m s/rad, (n,)."""
         return np.array([motor.viscous for motor in self.motors])
 
-    def with_motor(self, joint: int, motor: Motor) -> Rig:
+    def with_motor(self, joint, motor):
         """A rig with another motor on `joint`."""
         return replace(self, motors=(*self.motors[:joint], motor, *self.motors[joint + 1 :]))
 
-    def with_coulomb(self, joint: int, least: float) -> Rig:
-        """A rig with at least this much dry friction (N m) on `joint`."""
+    def with_friction(self, joint, **least):
+        """A rig with at least this much `coulomb` (N m) or `viscous` (N m s/rad) friction on `joint`."""
         motor = self.motors[joint]
-        return self.with_motor(joint, replace(motor, coulomb=max(motor.coulomb, least)))
+        more = {kind: max(getattr(motor, kind), value) for kind, value in least.items()}
+        return self.with_motor(joint, replace(motor, **more))
 
-    def with_viscous(self, joint: int, least: float) -> Rig:
-        """A rig with at least this much viscous friction (N m s/rad) on `joint`."""
-        motor = self.motors[joint]
-        return self.with_motor(joint, replace(motor, viscous=max(motor.viscous, least)))
-
-    def with_body(self, link: int, extra: Inertia) -> Rig:
+    def with_body(self, link, extra):
         """A rig with `extra` (in the link's frame) frozen to a link."""
         heavier = replace(self.links[link], inertia=self.links[link].inertia.plus(extra))
         return replace(self, links=(*self.links[:link], heavier, *self.links[link + 1 :]))
 
-    def with_payload(self, inertia: Inertia) -> Rig:
+    def with_inertias(self, change):
+        """A rig with every inertia changed, the links' and then the payload's."""
+        links = tuple(replace(link, inertia=change(link.inertia)) for link in self.links)
+        return replace(self, links=links).with_payload(change(self.payload.inertia))
+
+    def with_payload(self, inertia):
         """A rig whose payload has another inertia (in the payload's own frame)."""
         return replace(self, payload=replace(self.payload, inertia=inertia))
 
 
-def point_mass(mass: float, position: Array) -> Inertia:
+def point_mass(mass, position):
     """A mass without size at `position`."""
     return Inertia(mass, position, np.zeros((3, 3)))
 
 
-def rotation_about(axis: Array, angle: float) -> Array:
+def rotation_about(axis, angle):
     """Rodrigues: R = 1 + sin θ K + (1 - cos θ) K², with `axis` a unit vector."""
     k = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
     return EYE + np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .rigs import EYE, Array, Rig
+from .rigs import EYE, Array
 
-GRAVITY: Array = np.array([0.0, 0.0, -9.81])
+GRAVITY = np.array([0.0, 0.0, -9.81])
 CHUNK = 4096
 
 
@@ -23,19 +23,18 @@ class LinkMotion:
     linear: Array
 
 
-def _turns(axis: Array, fixed: Array, q: Array) -> Array:
+def _turns(axis, fixed, q):
     """R(q) = fixed · Rodrigues(axis, q), (T, 3, 3)."""
     k = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
     s = np.sin(q)[:, None, None]
     c = np.cos(q)[:, None, None]
-    turned: Array = fixed @ (EYE + s * k + (1.0 - c) * (k @ k))
-    return turned
+    return fixed @ (EYE + s * k + (1.0 - c) * (k @ k))
 
 
-def motion(rig: Rig, q: Array, v: Array, a: Array, gravity: Array = GRAVITY) -> list[LinkMotion]:
+def motion(rig, q, v, a):
     """Outward pass on a fixed base: q v a (T, n) in rad → each link's motion."""
     rate = angular = np.zeros((len(q), 3))
-    linear = np.broadcast_to(-gravity, (len(q), 3))
+    linear = np.broadcast_to(-GRAVITY, (len(q), 3))
     chain = []
     for i, link in enumerate(rig.links):
         turn = _turns(link.axis, link.rotation, q[:, i])
@@ -55,7 +54,7 @@ def motion(rig: Rig, q: Array, v: Array, a: Array, gravity: Array = GRAVITY) -> 
     return chain
 
 
-def _wrench(body: LinkMotion, theta: Array) -> tuple[Array, Array]:
+def _wrench(body, theta):
     """Newton and Euler about the link's origin: f = m a + α × mc + ω × (ω × mc), n = I α + ω × I ω + mc × a."""
     mass = theta[0]
     lever = theta[1:4]
@@ -75,7 +74,7 @@ def _wrench(body: LinkMotion, theta: Array) -> tuple[Array, Array]:
     return force, moment
 
 
-def torque(rig: Rig, chain: list[LinkMotion], thetas: Array) -> Array:
+def torque(rig, chain, thetas):
     """Inward pass: joint torques (T, n), N m, linear in `thetas` (n, 10)."""
     force = moment = np.zeros_like(chain[0].rate)
     tau = np.empty((len(force), len(rig.links)))
@@ -91,16 +90,14 @@ def torque(rig: Rig, chain: list[LinkMotion], thetas: Array) -> Array:
     return tau
 
 
-def inverse_dynamics(rig: Rig, q: Array, v: Array, a: Array, gravity: Array = GRAVITY) -> Array:
+def inverse_dynamics(rig, q, v, a):
     """τ = M(q) a + C(q, v) v + g(q), rigid bodies only: (T, n), N m."""
     thetas = np.array([body.vector() for body in rig.bodies])
     pieces = [slice(k, k + CHUNK) for k in range(0, len(q), CHUNK)]
-    return np.concatenate(
-        [torque(rig, motion(rig, q[p], v[p], a[p], gravity), thetas) for p in pieces]
-    )
+    return np.concatenate([torque(rig, motion(rig, q[p], v[p], a[p]), thetas) for p in pieces])
 
 
-def regressor(rig: Rig, q: Array, v: Array, a: Array) -> Array:
+def regressor(rig, q, v, a):
     """Y with τ = Y θ, θ the bodies' parameters one after the other: (T, n, 10 n)."""
     chain = motion(rig, q, v, a)
     n = len(rig.links)

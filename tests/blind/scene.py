@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.random import Generator
 
 from .control import Gains, closed_loop, draw_gains, feed_forward, joint_inertia
 from .drive_sensors import DriveSensors
-from .effects import Context, Effect
+from .effects import Context
 from .excitation import Reference, draw_reference
-from .plan import Plan
-from .plant import Trace, simulate
+from .plant import simulate
 from .rig_draw import nominal
 from .rigs import Array, Rig
 from .rnea import inverse_dynamics
@@ -39,15 +36,15 @@ class Scene:
     step: float = FINE_STEP
 
     @property
-    def seconds(self) -> float:
+    def seconds(self):
         """Length of the run, s."""
         return len(self.reference.t) / self.rate
 
-    def substeps(self, longest: float) -> int:
+    def substeps(self, longest):
         """Steps in a sample, none longer than `longest` (s)."""
         return int(np.ceil(1.0 / (self.rate * longest) - 1e-9))
 
-    def run(self, effects: Sequence[Effect], substeps: int) -> tuple[World, Trace]:
+    def run(self, effects, substeps):
         """Simulate the closed loop with these effects."""
         world = World(self.rig, effects, 1.0 / (self.rate * substeps), self.seconds)
         samples = len(self.reference.t)
@@ -56,11 +53,11 @@ class Scene:
         begin = self.reference.q[0].tolist(), self.reference.dq[0].tolist()
         return world, simulate(world, controller, begin, samples, substeps)
 
-    def first(self, seconds: float) -> Scene:
+    def first(self, seconds):
         """The same scene, not longer than this (s): effects are made as strong as wanted on it."""
         return replace(self, reference=self.reference.first(round(seconds * self.rate)))
 
-    def context(self, joint: int, share: float) -> Context:
+    def context(self, joint, share):
         """What an effect's first guess is made from, by the reference alone."""
         few = slice(None, None, 5)
         q = self.reference.q[few]
@@ -83,13 +80,13 @@ class Scene:
             seconds=self.seconds,
         )
 
-    def gravity(self) -> Array:
+    def gravity(self):
         """Gravity torque rms along the reference, N m, (n,)."""
         q = self.reference.q[::20]
         return np.sqrt(np.mean(inverse_dynamics(self.rig, q, 0.0 * q, 0.0 * q) ** 2, axis=0))
 
 
-def draw_scene(streams: dict[str, Generator], rig: Rig, sensors: Sensors, plan: Plan) -> Scene:
+def draw_scene(streams, rig, sensors, plan):
     """A plan's scene by its random streams."""
     reference = draw_reference(streams["motion"], rig, plan.excitation, plan.seconds, plan.rate)
     gains = draw_gains(streams["control"], rig, reference)

@@ -6,12 +6,8 @@ from dataclasses import dataclass
 from math import exp, pi, sin
 
 import numpy as np
-from numpy.random import Generator
-from numpy.typing import NDArray
 
 from .draws import log_uniform
-from .rigs import Array
-from .world import World
 
 GYRO_DENSITY = np.radians(0.005)
 """White noise of the rate channel, rad/s per √Hz; dirty sensors have a multiple of it."""
@@ -37,38 +33,28 @@ class Sensors:
     lost: float
 
     @property
-    def step(self) -> float:
+    def step(self):
         """The encoder's step, rad."""
         return float(2.0 * pi / 2**self.encoder_bits)
 
     @property
-    def faults(self) -> list[str]:
+    def faults(self):
         """Data causes that are true of these sensors whatever else is hidden."""
         return ["clock"] if self.jitter > 0.0 or self.lost > 0.0 else []
 
-    def reader(self, world: World, samples: int, rng: Generator) -> Measurement:
+    def reader(self, world, samples, rng):
         """What the controller sees."""
         return Measurement(world, self, samples, rng)
 
 
-def draw_sensors(rng: Generator, level: str, rate: float) -> Sensors:
+def draw_sensors(rng, level, rate):
     """ "clean": white noise and 16 bits; "dirty": coarse encoders, coloured noise, bias, jitter, lost rows."""
     gyro = float(GYRO_DENSITY * np.sqrt(rate / 2.0))
     if level == "clean":
         white = rng.uniform(0.002, 0.01)
-        return Sensors(
-            level,
-            16,
-            2e-5,
-            rng.random() < 0.75,
-            gyro * rng.uniform(0.7, 1.5),
-            0.0,
-            white,
-            0.0,
-            1.0,
-            0.0,
-            0.0,
-        )
+        has_rate = rng.random() < 0.75
+        rate_noise = gyro * rng.uniform(0.7, 1.5)
+        return Sensors(level, 16, 2e-5, has_rate, rate_noise, 0.0, white, 0.0, 1.0, 0.0, 0.0)
     return Sensors(
         level=level,
         encoder_bits=int(rng.integers(12, 16)),
@@ -87,30 +73,24 @@ def draw_sensors(rng: Generator, level: str, rate: float) -> Sensors:
 class Measurement:
     """(sample, true q, true v) → encoder and rate readings; its noise is drawn beforehand, the same for every run."""
 
-    def __init__(self, world: World, sensors: Sensors | None, samples: int, rng: Generator) -> None:
+    def __init__(self, world, sensors, samples, rng):
         shape = (samples, world.joints)
-        self.step = sensors.step if sensors else 0.0
-        q_noise = rng.normal(size=shape)
-        v_noise = rng.normal(size=shape)
+        self.step = sensors.step
+        self.q_noise = (sensors.encoder_noise * rng.normal(size=shape)).tolist()
+        v_noise = sensors.rate_noise * rng.normal(size=shape)
         signs = rng.choice([-1.0, 1.0], world.joints)
-        if sensors:
-            self.q_noise = (sensors.encoder_noise * q_noise).tolist()
-            self.v_noise = (sensors.rate_noise * v_noise + sensors.rate_bias * signs).tolist()
-        else:
-            self.q_noise = self.v_noise = np.zeros(shape).tolist()
+        self.v_noise = (v_noise + sensors.rate_bias * signs).tolist()
         self.shown = list(zip(world.offset, world.eccentric, strict=True))
 
-    def __call__(self, k: int, q: list[float], v: list[float]) -> tuple[list[float], list[float]]:
+    def __call__(self, k, q, v):
         angles = [
-            x + o + a * sin(x + p) + e
+            self.step * round((x + o + a * sin(x + p) + e) / self.step)
             for x, (o, (a, p)), e in zip(q, self.shown, self.q_noise[k], strict=True)
         ]
-        if self.step:
-            angles = [self.step * round(x / self.step) for x in angles]
         return angles, [x + e for x, e in zip(v, self.v_noise[k], strict=True)]
 
 
-def coloured(rng: Generator, shape: tuple[int, int], corner: float, rate: float) -> Array:
+def coloured(rng, shape, corner, rate):
     """First-order low-passed white noise of unit rms, (N, n)."""
     keep = exp(-2.0 * pi * corner / rate)
     path = rng.normal(size=shape)
@@ -120,21 +100,21 @@ def coloured(rng: Generator, shape: tuple[int, int], corner: float, rate: float)
     return path
 
 
-def torque_noise(rng: Generator, sensors: Sensors, torque: Array, rate: float) -> Array:
+def torque_noise(rng, sensors, torque, rate):
     """The error of the reported torque, (N, n), N m."""
     white = sensors.torque_white * rng.normal(size=torque.shape)
     slow = sensors.torque_coloured * coloured(rng, torque.shape, sensors.torque_corner, rate)
-    return np.asarray((white + slow) * np.sqrt(np.mean(torque**2, axis=0)))
+    return (white + slow) * np.sqrt(np.mean(torque**2, axis=0))
 
 
-def stamps(rng: Generator, sensors: Sensors, t: Array) -> Array:
+def stamps(rng, sensors, t):
     """Time stamps as a jittery clock writes them, still increasing."""
     period = float(t[1] - t[0])
     error = np.clip(rng.normal(size=len(t)), -3.0, 3.0) * sensors.jitter * period
-    return np.asarray(t + error - error[0])
+    return t + error - error[0]
 
 
-def kept_rows(rng: Generator, lost: float, samples: int) -> NDArray[np.intp]:
+def kept_rows(rng, lost, samples):
     """Indices of the rows that were not lost: of a share `lost` some are alone, some two or three in a row."""
     keep = np.ones(samples, dtype=bool)
     for start in rng.integers(2, samples - 8, int(lost * samples / 2.0)):

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from operator import mul
 
-Rows = list[list[float]]
 TOLERANCE = 1e-13
 ROUNDS = 200
 
 
 def dry_friction(
-    free: list[float],
-    inverse: Rows,
-    dofs: list[int],
-    limits: tuple[list[float], list[float]],
-    dt: float,
-    friction: list[float],
-) -> list[float]:
+    free,
+    inverse,
+    dofs,
+    limits,
+    dt,
+    friction,
+):
     """f in [-minus, plus] with f = plus where v⁺ > 0, f = -minus where v⁺ < 0, and v⁺ = 0 wherever f lies between.
 
     v⁺ = free - dt M⁻¹ f. Projected Gauss–Seidel over the joints (Moreau, time-stepping). `free`, `inverse` (M⁻¹) and

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from statistics import median
 
 from .judge import (
-    Judged,
     all_found,
     covered,
     false_alarm,
@@ -39,7 +37,7 @@ class Figure:
     aim: Range | None = None
 
     @property
-    def grade(self) -> str:
+    def grade(self):
         """ "PASS", with "aim" where that is reached too, "FAIL", or "-" where there is nothing to grade."""
         if self.value is None or self.must is None:
             return "-"
@@ -48,7 +46,7 @@ class Figure:
         return "PASS" if self.must[0] <= self.value <= self.must[1] else "FAIL"
 
 
-def wilson(hits: float, count: int) -> Range:
+def wilson(hits, count):
     """The 95 % score interval of a share, hits / count; (0, 1) where nothing was counted."""
     if count == 0:
         return 0.0, 1.0
@@ -59,15 +57,17 @@ def wilson(hits: float, count: int) -> Range:
     return max(centre - half, 0.0), min(centre + half, 1.0)
 
 
-def _share(
-    name: str, scores: Iterable[float], must: Range | None = None, aim: Range | None = None
-) -> Figure:
+def count_share(name, hits, count, must=None, aim=None):
+    """The figure of a share with its bounds."""
+    return Figure(name, hits / count if count else None, *wilson(hits, count), count, must, aim)
+
+
+def _share(name, scores, *ranges):
     listed = [float(score) for score in scores]
-    value = sum(listed) / len(listed) if listed else None
-    return Figure(name, value, *wilson(sum(listed), len(listed)), len(listed), must, aim)
+    return count_share(name, sum(listed), len(listed), *ranges)
 
 
-def _gain(cases: Sequence[Judged]) -> Figure:
+def _gain(cases):
     """Median of the recovered gain over rightly told visible effects, bounds from the order statistics."""
     gains = sorted(
         g for case in cases if first_right(case) and (g := gain_recovered(case)) is not None
@@ -83,7 +83,7 @@ def _gain(cases: Sequence[Judged]) -> Figure:
     return Figure(name, median(gains), gains[low], gains[high], len(gains), must, aim)
 
 
-def _ambiguous(cases: Sequence[Judged]) -> list[bool]:
+def _ambiguous(cases):
     """For each ambiguous finding in a log with published causes: is one of them in its class?"""
     return [
         any(tells(found, cause) for cause in case.causes)
@@ -93,10 +93,10 @@ def _ambiguous(cases: Sequence[Judged]) -> list[bool]:
     ]
 
 
-def score(cases: Sequence[Judged]) -> list[Figure]:
+def score(cases):
     """Every row of the published table, then what else one wants to know; effects count where they are visible."""
 
-    def of(stratum: str, *, seen: bool = False) -> list[Judged]:
+    def of(stratum, *, seen=False):
         chosen = [case for case in cases if case.stratum == stratum]
         return [case for case in chosen if all(map(visible, case.causes))] if seen else chosen
 
@@ -136,11 +136,11 @@ def score(cases: Sequence[Judged]) -> list[Figure]:
     ]  # fmt: skip
 
 
-def _percent(value: float) -> str:
+def _percent(value):
     return f"{100.0 * value:.1f} %"
 
 
-def _range(bounds: Range | None) -> str:
+def _range(bounds):
     if bounds is None:
         return ""
     low, high = (100.0 * bound for bound in bounds)
@@ -149,7 +149,7 @@ def _range(bounds: Range | None) -> str:
     return f"≥ {low:g} %" if high >= 100.0 else f"{low:g}–{high:g} %"
 
 
-def text(rows: Sequence[Figure]) -> str:
+def text(rows):
     """The figures as a Markdown table."""
     lines = ["| figure | value | 95 % bounds | cases | must | aim | |", "|---" * 7 + "|"]
     for row in rows:

@@ -8,19 +8,17 @@ import numpy as np
 
 from .calibrate import share_of, trial
 from .coloured import Spectrum, seen
-from .corruption import Damage
 from .effects import OUTSIDE, TRUSTED, Effect
 from .ledger import Ledger
-from .plan import Hidden, Plan
+from .plan import Plan
 from .plant import Trace
-from .rigs import Array, Rig
+from .rigs import Array
 from .scene import Scene
 from .visibility import projected
 from .world import World
 
 DROWNED = 0.2
 """Where noise is this share of the smoothed acceleration, naming `acceleration-noise` is no false finding."""
-Truth = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Blur:
     noise: Spectrum | None = None
 
 
-def describe(run: Run, damage: Damage, blur: Blur) -> Truth:
+def describe(run, damage, blur):
     """Everything about a case, keys as they stand in truth.json."""
     plan = run.plan
     rig = run.scene.rig
@@ -65,23 +63,21 @@ def describe(run: Run, damage: Damage, blur: Blur) -> Truth:
     }
 
 
-def _faults(run: Run, blur: Blur) -> list[str]:
+def _faults(run, blur):
     """Data causes that are true of this log: planted, or by its sensors."""
     planted = [run.plan.data[0]] if run.plan.data else []
     drowned = ["acceleration-noise"] if bool((blur.acceleration > DROWNED).any()) else []
     return sorted({*run.scene.sensors.faults, *planted, *drowned})
 
 
-def _data(plan: Plan, damage: Damage) -> Truth | None:
+def _data(plan, damage):
     if plan.data is None:
         return None
     cause, form = plan.data
     return {"cause": cause, "form": form, "parameters": damage.parameters}
 
 
-def _cause(
-    run: Run, effect: Effect, hidden: Hidden, alone: tuple[World, Ledger] | None, blur: Blur
-) -> Truth:
+def _cause(run, effect, hidden, alone, blur):
     """What is true of one effect; where several act, its size is that of a trial with it alone."""
     scene = run.scene
     rig = run.scene.rig
@@ -108,5 +104,5 @@ def _cause(
     }
 
 
-def _by_joint(rig: Rig, values: Array) -> dict[str, float]:
+def _by_joint(rig, values):
     return {joint: float(value) for joint, value in zip(rig.joints, values, strict=True)}

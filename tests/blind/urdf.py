@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from math import atan2, hypot
 
-from .rigs import Array, Inertia, Link, Motor, Rig
 
-
-def _numbers(values: Array | tuple[float, ...]) -> str:
+def _numbers(values):
     return " ".join(f"{float(value):.12g}" for value in values)
 
 
-def roll_pitch_yaw(rotation: Array) -> tuple[float, float, float]:
+def roll_pitch_yaw(rotation):
     """Fixed-axis angles of URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     pitch = atan2(-rotation[2, 0], hypot(rotation[0, 0], rotation[1, 0]))
     if abs(rotation[2, 0]) > 1.0 - 1e-12:
@@ -19,11 +17,11 @@ def roll_pitch_yaw(rotation: Array) -> tuple[float, float, float]:
     return atan2(rotation[2, 1], rotation[2, 2]), pitch, atan2(rotation[1, 0], rotation[0, 0])
 
 
-def _origin(rotation: Array, position: Array) -> str:
+def _origin(rotation, position):
     return f'<origin xyz="{_numbers(position)}" rpy="{_numbers(roll_pitch_yaw(rotation))}"/>'
 
 
-def _link(name: str, inertia: Inertia) -> str:
+def _link(name, inertia):
     tensor = inertia.tensor
     entries = {
         "ixx": (0, 0),
@@ -40,7 +38,7 @@ def _link(name: str, inertia: Inertia) -> str:
     )
 
 
-def _joint(link: Link, parent: str, motor: Motor, speed: float) -> str:
+def _joint(link, parent, motor, speed):
     kind = "fixed" if link.fixed else "continuous" if link.continuous else "revolute"
     travel = "" if link.continuous else f'lower="{link.lower:.6g}" upper="{link.upper:.6g}" '
     return (
@@ -50,7 +48,7 @@ def _joint(link: Link, parent: str, motor: Motor, speed: float) -> str:
     )
 
 
-def urdf_text(rig: Rig) -> str:
+def urdf_text(rig):
     """The rig as URDF."""
     parts = [f'<?xml version="1.0"?>\n<robot name="{rig.name}">\n  <link name="{rig.base}"/>\n']
     parents = (rig.base, *(link.name for link in rig.links))
@@ -65,7 +63,7 @@ def urdf_text(rig: Rig) -> str:
     return "".join(parts)
 
 
-def yaml_text(rig: Rig, encoder_bits: int, trusted: bool) -> str:
+def yaml_text(rig, encoder_bits, trusted):
     """The YAML beside the URDF: motors and limits, and whether the URDF's inertias are to be trusted."""
     lines = ["urdf: rig.urdf", *(["inertia: trusted"] if trusted else []), "motors:"]
     moving = [

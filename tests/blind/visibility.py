@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from .ledger import Ledger
-from .rigs import Array, Rig
+from .rigs import Array
 from .rnea import inverse_dynamics, regressor
 
 CUTOFF_HZ = 20.0
@@ -24,37 +23,35 @@ class Channels:
     tau: Array
 
 
-def blocks(x: Array, rate: float) -> Array:
+def blocks(x, rate):
     """Means over blocks of samples, down to about GRID_HZ."""
     size = max(1, round(rate / GRID_HZ))
     rows = len(x) // size
-    return np.asarray(x[: rows * size].reshape(rows, size, *x.shape[1:]).mean(axis=1))
+    return x[: rows * size].reshape(rows, size, *x.shape[1:]).mean(axis=1)
 
 
-def grid_rate(rate: float) -> float:
+def grid_rate(rate):
     """The coarse grid's rate, Hz."""
     return rate / max(1, round(rate / GRID_HZ))
 
 
-def smooth(x: Array, rate: float) -> Array:
+def smooth(x, rate):
     """Zero-phase third-order low-pass at CUTOFF_HZ, on the coarse grid."""
-    return np.asarray(
-        sosfiltfilt(butter(3, CUTOFF_HZ, fs=grid_rate(rate), output="sos"), x, axis=0)
-    )
+    return sosfiltfilt(butter(3, CUTOFF_HZ, fs=grid_rate(rate), output="sos"), x, axis=0)
 
 
-def inner(x: Array, rate: float) -> Array:
+def inner(x, rate):
     """Without a tenth of a second at either end, where a filter has seen too little."""
     margin = max(1, round(0.1 * grid_rate(rate)))
     return x[margin:-margin]
 
 
-def rms(x: Array) -> Array:
+def rms(x):
     """√mean of squares down the samples, (n,)."""
-    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
+    return np.sqrt(np.mean(x**2, axis=0))
 
 
-def baseline_columns(rig: Rig, ledger: Ledger, rate: float, trusted: bool) -> Array:
+def baseline_columns(rig, ledger, rate, trusted):
     """Columns of the refitted model, (N', n, p): rigid (unless trusted), Coulomb with true stick, viscous."""
     n = len(rig.links)
     q, v, a = (blocks(x, rate) for x in (ledger.q, ledger.v, ledger.a))
@@ -64,7 +61,7 @@ def baseline_columns(rig: Rig, ledger: Ledger, rate: float, trusted: bool) -> Ar
     return np.concatenate([*rigid, *friction], axis=2)
 
 
-def projected(rig: Rig, ledger: Ledger, rate: float, trusted: bool) -> Array:
+def projected(rig, ledger, rate, trusted):
     """The effect, smoothed: its rms per joint after the baseline has absorbed what it can, (n,)."""
     columns = baseline_columns(rig, ledger, rate, trusted)
     rows, n, p = columns.shape
@@ -77,7 +74,7 @@ def projected(rig: Rig, ledger: Ledger, rate: float, trusted: bool) -> Array:
     return rms(effect - (used @ fit).reshape(-1, n))
 
 
-def residual(rig: Rig, shown: Channels, rate: float) -> tuple[Array, Array]:
+def residual(rig, shown, rate):
     """Smoothed torque less the true rigid and viscous model on these channels, and the smoothed acceleration."""
     full = shown.v if shown.v is not None else np.gradient(shown.q, 1.0 / rate, axis=0)
     q, v, tau = (smooth(blocks(x, rate), rate) for x in (shown.q, full, shown.tau))
@@ -86,7 +83,7 @@ def residual(rig: Rig, shown: Channels, rate: float) -> tuple[Array, Array]:
     return inner(left, rate), inner(a, rate)
 
 
-def noise_floor(rig: Rig, noisy: Channels, clean: Channels, rate: float) -> tuple[Array, Array]:
+def noise_floor(rig, noisy, clean, rate):
     """What sensor noise alone leaves of the true model's torque balance (N m rms, (n,)), and its share of the
     acceleration."""
     (left, a) = residual(rig, noisy, rate)

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import mujoco
 import numpy as np
 
-from .effects.base import Effect, Law
 from .mjcf import BASE_DOFS, Base, build
-from .rigs import Array, Inertia, Rig
-
-BasePath = Callable[[float], tuple[list[float], list[float], list[float]]]
+from .rigs import Inertia
 
 
 class State:
@@ -32,7 +27,7 @@ class State:
         "v",
     )
 
-    def __init__(self, dt: float, joints: int, dofs: int) -> None:
+    def __init__(self, dt, joints, dofs):
         self.t, self.dt = 0.0, dt
         self.q, self.v, self.force, self.gravity = ([0.0] * dofs for _ in range(4))
         self.command, self.u, self.plus, self.minus, self.bristle = (
@@ -44,10 +39,10 @@ class World:
     """A rig with its hidden effects, ready to be stepped.
 
     `dof[i]` is the degree of freedom on which joint i's motor, bearing and encoder sit; `link_dof[i]` moves the link
-    (the same, unless something between them gives); `offset[i]` is added to the encoder's reading, and `eccentric`
-    (amplitude, phase) once per turn; `encoder` says what the encoder shows of an angle."""
+    (the same, unless something between them gives); `base_dofs` are x y z yaw pitch roll of a base that moves.
+    `offset[i]` is added to the encoder's reading, and `eccentric` (amplitude, phase) once per turn."""
 
-    def __init__(self, rig: Rig, effects: Sequence[Effect], dt: float, seconds: float) -> None:
+    def __init__(self, rig, effects, dt, seconds):
         self.dt, self.seconds, self.nominal = dt, seconds, rig
         self.effects = tuple(sorted(effects, key=lambda effect: effect.stage))
         self.rig = rig
@@ -60,45 +55,41 @@ class World:
         self.joints = len(self.rig.links)
         self.dofs = int(self.model.nv)
         self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
-        self.link_dof = [self.names.index(joint) for joint in self.rig.joints]
+        self.link_dof = [self.named(joint) for joint in self.rig.joints]
         self.dof = list(self.link_dof)
         self.offset = [0.0] * self.joints
         self.eccentric = [(0.0, 0.0)] * self.joints
-        self.base_path: BasePath | None = None
+        moving = () if self.base is Base.FIXED else BASE_DOFS
+        self.base_dofs = [self.named(name) for name in moving]
+        self.base_path = None
         self.needs_gravity = False
         for effect in self.effects:
             effect.prepare(self)
 
-    def named(self, name: str) -> int:
+    def named(self, name):
         """The degree of freedom of this name."""
         return self.names.index(name)
 
     @property
-    def base_dofs(self) -> list[int]:
-        """x y z yaw pitch roll of the base; empty where it is fixed."""
-        return [] if self.base is Base.FIXED else [self.names.index(name) for name in BASE_DOFS]
-
-    @property
-    def reference(self) -> Rig:
+    def reference(self):
         """The rigid rig that a perfect refit would find."""
         rig = self.nominal
         for effect in self.effects:
             rig = effect.frozen(rig)
         return rig
 
-    def laws(self, kind: str) -> list[Law]:
+    def laws(self, kind):
         """The laws of one kind ("drive", "force", "grip"), in order."""
         found = (getattr(effect, kind)(self) for effect in self.effects)
         return [law for law in found if law is not None]
 
-    def encoder(self, q: Array) -> Array:
+    def encoder(self, q):
         """What the encoders show of true angles q (..., n), rad."""
         amplitude, phase = np.array(self.eccentric).T
-        shown: Array = q + np.array(self.offset) + amplitude * np.sin(q + phase)
-        return shown
+        return q + np.array(self.offset) + amplitude * np.sin(q + phase)
 
 
-def _base_inertia(rig: Rig) -> Inertia:
+def _base_inertia(rig):
     """A head about as heavy as what it carries."""
     mass = sum(body.mass for body in rig.bodies)
     size = 0.15 * (mass / 4.0) ** (1.0 / 3.0)

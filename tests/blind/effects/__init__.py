@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import Context, Effect, Law
+from .base import Context, Effect
 from .drive import (
     ActuatorLag,
     Cogging,
@@ -24,26 +24,42 @@ from .friction import (
 )
 from .hanging import CableWhip, MountResonance, Rattle, Slosh
 from .outside_drive import CrossTalk, Dropouts, HotMotor, SupplyHum, TorqueSteps, VoltageLimit
-from .outside_rig import Flywheel, SoftBase
-from .outside_world import BoucWen, FrictionSpots, RubbingStop, StickyBrake, Touch, Wind
-from .payload import OffDiagonalInertia, PayloadMass, PayloadShift, diagonal
-from .rigwide import BaseTilt, EncoderOffset, PlatformMotion, UnmeasuredMotion
+from .outside_world import (
+    BoucWen,
+    Flywheel,
+    FrictionSpots,
+    RubbingStop,
+    SoftBase,
+    StickyBrake,
+    Touch,
+    Wind,
+)
+from .rigwide import (
+    BaseTilt,
+    EncoderOffset,
+    OffDiagonalInertia,
+    PayloadMass,
+    PayloadShift,
+    PlatformMotion,
+    UnmeasuredMotion,
+    diagonal,
+)
 from .structure import Armature, Backlash, CableSpring, JointFlexibility
 
-PUBLISHED: tuple[type[Effect], ...] = (
+PUBLISHED = (
     Stribeck, AsymmetricFriction, LoadFriction, Presliding, PlaceFriction, FrictionDrift, Drag,
     Cogging, TorqueRipple, TorqueGain, TorqueBias, ActuatorLag, Delay, Saturation, DeadZone,
     CableSpring, JointFlexibility, Backlash, Armature,
     PayloadShift, PayloadMass, EncoderOffset, BaseTilt, PlatformMotion, OffDiagonalInertia,
 )  # fmt: skip
-OUTSIDE: tuple[type[Effect], ...] = (
+OUTSIDE = (
     SoftBase, VoltageLimit, Slosh, Rattle, HotMotor, Wind, CableWhip, CrossTalk, MountResonance, BoucWen,
     FrictionSpots, Touch, TorqueSteps, Flywheel, Dropouts, RubbingStop, SupplyHum, StickyBrake,
     UnmeasuredMotion,
 )  # fmt: skip
 TRUSTED = ("payload-shift", "payload-mass", "off-diagonal-inertia")
 """Causes that compare the given model with the data: their URDF is exact and says so."""
-CATALOGUE: dict[str, type[Effect]] = {kind.cause: kind for kind in PUBLISHED + OUTSIDE}
+CATALOGUE = {kind.cause: kind for kind in PUBLISHED + OUTSIDE}
 
 __all__ = [
     "CATALOGUE",
@@ -52,7 +68,6 @@ __all__ = [
     "TRUSTED",
     "Context",
     "Effect",
-    "Law",
     "PlatformMotion",
     "diagonal",
 ]

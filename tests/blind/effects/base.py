@@ -1,22 +1,14 @@
-"""What a hidden effect is: a frozen description that turns itself into laws of the plant."""
+"""What a hidden effect is: a frozen description that turns itself into laws of the plant: functions of its state."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from math import inf
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from numpy.random import Generator
-
-from ..mjcf import Appendage, Base
+from ..mjcf import Base
 from ..rigs import Rig
-
-if TYPE_CHECKING:
-    from ..world import State, World
-
-Law = Callable[["State"], None]
 
 
 @dataclass(frozen=True)
@@ -38,17 +30,12 @@ class Context:
     seconds: float
 
     @property
-    def target(self) -> float:
+    def target(self):
         """Wanted rms of the effect, N m."""
         return self.share * self.torque
 
-    def place(self, rng: Generator) -> float:
-        """An angle within the middle half of the travelled span, rad."""
-        low, high = self.span
-        return float(low + (high - low) * rng.uniform(0.25, 0.75))
-
     @property
-    def width(self) -> float:
+    def width(self):
         """Half of the travelled span, rad."""
         return max(0.5 * (self.span[1] - self.span[0]), 1e-3)
 
@@ -82,80 +69,80 @@ class Effect(ABC):
 
     @classmethod
     @abstractmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> Effect:
+    def draw(cls, rng, context, form):
         """A first guess of about the wanted size."""
 
-    def scaled(self, k: float) -> Effect:
+    def scaled(self, k):
         """The same effect, k times as strong."""
         least, most = self.within
         return replace(self, **{self.grows: min(max(k * getattr(self, self.grows), least), most)})
 
-    def parameters(self) -> dict[str, float]:
+    def parameters(self):
         """Its true parameters by name, SI."""
         return {name: float(getattr(self, name)) for name in self.told or (self.grows,)}
 
     @property
-    def grows(self) -> str:
+    def grows(self):
         """Name of its first own field: how strong it is."""
         return fields(self)[2].name
 
     @property
-    def own(self) -> int:
+    def own(self):
         """Its joint, where it must have one."""
         if self.joint is None:
             raise ValueError(f"{self.cause}: this effect sits on one joint, and none is given")
         return self.joint
 
-    def plant(self, rig: Rig) -> Rig:
+    def plant(self, rig):
         """The rig as it truly is with this effect."""
         return rig
 
-    def frozen(self, rig: Rig) -> Rig:
+    def frozen(self, rig):
         """The rigid rig with Coulomb and viscous friction that comes closest: what a perfect refit would find."""
         return rig
 
-    def appendages(self, rig: Rig) -> tuple[Appendage, ...]:
+    def appendages(self, rig):
         """Further bodies."""
         return ()
 
-    def prepare(self, world: World) -> None:  # noqa: B027 (most effects have nothing to prepare)
+    def prepare(self, world):  # noqa: B027 (most effects have nothing to prepare)
         """Change the compiled plant: gravity, encoder offsets, who carries the encoder, how the base moves."""
 
-    def drive(self, world: World) -> Law | None:
+    def drive(self, world):
         """What happens between the command and the motor: changes `state.u`."""
         return None
 
-    def force(self, world: World) -> Law | None:
+    def force(self, world):
         """A generalised force: adds to `state.force`."""
         return None
 
-    def grip(self, world: World) -> Law | None:
+    def grip(self, world):
         """Dry friction: changes the limits `state.plus` and `state.minus`."""
         return None
 
 
-def change_torque(joint: int, change: Callable[[State, float], float]) -> Law:
+def change_torque(joint, change):
     """Return the law of a drive: the torque of a joint as a function of what it would be."""
 
-    def law(state: State) -> None:
+    def law(state):
         state.u[joint] = change(state, state.u[joint])
 
     return law
 
 
-def oppose(dof: int, torque: Callable[[State], float]) -> Law:
+def oppose(dof, torque):
     """Return the law of a torque that is taken from a degree of freedom."""
 
-    def law(state: State) -> None:
+    def law(state):
         state.force[dof] -= torque(state)
 
     return law
 
 
-def rub(joint: int, extra: Callable[[State], float]) -> Law:
+def rub(joint, extra):
     """Return the law of more dry friction in both directions, never less than none."""
 
-    def law(state: State) -> None:
+    def law(state):
         more = extra(state)
         state.plus[joint] = max(state.plus[joint] + more, 0.0)
         state.minus[joint] = max(state.minus[joint] + more, 0.0)

@@ -5,15 +5,9 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, replace
 from math import copysign, cos, exp, inf, lcm, pi, sin, sqrt, tanh
-from typing import TYPE_CHECKING
-
-from numpy.random import Generator
 
 from ..draws import draw_sign
-from .base import Context, Effect, Law, change_torque, oppose
-
-if TYPE_CHECKING:
-    from ..world import State, World
+from .base import Effect, change_torque, oppose
 
 
 @dataclass(frozen=True)
@@ -31,19 +25,19 @@ class ActuatorLag(Effect):
     within = (-inf, 0.025)
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> ActuatorLag:
+    def draw(cls, rng, context, form):
         return cls(context.joint, form, 0.05 * context.share + 1e-4, rng.uniform(0.7, 1.1))
 
-    def drive(self, world: World) -> Law:
+    def drive(self, world):
         return self._first(world.dt) if self.form == "first-order" else self._second(world.dt)
 
-    def _first(self, dt: float) -> Law:
+    def _first(self, dt):
         x = dt / self.time_constant
         keep = exp(-x)
         mean = (1.0 - keep) / x
         y = 0.0
 
-        def follow(state: State, u: float) -> float:
+        def follow(state, u):
             nonlocal y
             before = y
             y = u + (before - u) * keep
@@ -51,7 +45,7 @@ class ActuatorLag(Effect):
 
         return change_torque(self.own, follow)
 
-    def _second(self, dt: float) -> Law:
+    def _second(self, dt):
         """ÿ = ω²(u - y) - 2 ζ ω ẏ, ω = 2 / time constant; substeps keep the implicit rule accurate."""
         omega = 2.0 / self.time_constant
         zeta = self.damping
@@ -60,7 +54,7 @@ class ActuatorLag(Effect):
         scale = 1.0 + zeta * omega * h + 0.25 * (omega * h) ** 2
         y = rate = 0.0
 
-        def follow(state: State, u: float) -> float:
+        def follow(state, u):
             nonlocal y, rate
             total = 0.0
             for _ in range(pieces):
@@ -89,15 +83,15 @@ class Delay(Effect):
     within = (-inf, 0.025)
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> Delay:
+    def draw(cls, rng, context, form):
         wander = 0.35 if form == "wandering" else 0.0
         return cls(context.joint, form, 0.05 * context.share + 1e-4, wander)
 
-    def drive(self, world: World) -> Law:
+    def drive(self, world):
         length = int(self.delay * (1.0 + self.wander) / world.dt) + 3
         past = deque([0.0] * length, maxlen=length)
 
-        def follow(state: State, u: float) -> float:
+        def follow(state, u):
             past.appendleft(u)
             slow = (state.t * 0.37) % 2.0 - 1.0
             steps = self.delay * (1.0 + self.wander * (2.0 * abs(slow) - 1.0)) / world.dt
@@ -119,13 +113,13 @@ class Saturation(Effect):
     stage = 2
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> Saturation:
+    def draw(cls, rng, context, form):
         return cls(context.joint, form, context.torque * (2.2 - 1.5 * sqrt(context.share)))
 
-    def scaled(self, k: float) -> Saturation:
+    def scaled(self, k):
         return replace(self, limit=self.limit / k**0.3)
 
-    def drive(self, world: World) -> Law:
+    def drive(self, world):
         limit = self.limit
         shapes = {
             "hard": lambda state, u: min(max(u, -limit), limit),
@@ -147,14 +141,14 @@ class DeadZone(Effect):
     stage = 1
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> DeadZone:
+    def draw(cls, rng, context, form):
         soft = context.torque * sqrt(context.share)
         return cls(context.joint, form, 1.2 * context.target if form == "gap" else soft)
 
-    def scaled(self, k: float) -> DeadZone:
+    def scaled(self, k):
         return replace(self, width=k * self.width if self.form == "gap" else k**0.6 * self.width)
 
-    def drive(self, world: World) -> Law:
+    def drive(self, world):
         width = self.width
         shapes = {
             "gap": lambda state, u: copysign(max(abs(u) - width, 0.0), u),
@@ -178,7 +172,7 @@ class Cogging(Effect):
     foreign = ("steep", "modulated")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> Cogging:
+    def draw(cls, rng, context, form):
         motor = context.rig.motors[context.joint]
         whole = lcm(motor.slots, motor.poles)
         harmonics = [rng.choice([whole, motor.slots, motor.poles, whole // 2])]
@@ -190,24 +184,24 @@ class Cogging(Effect):
         waves = tuple((float(w), int(k), rng.uniform(-pi, pi)) for w, k in pairs)
         return cls(context.joint, form, 1.4 * context.target, waves)
 
-    def parameters(self) -> dict[str, float]:
+    def parameters(self):
         return {"amplitude": self.amplitude, "harmonic": float(self.waves[0][1])}
 
-    def force(self, world: World) -> Law:
+    def force(self, world):
         dof = world.dof[self.own]
         a = self.amplitude
         waves = self.waves
         (_, k, phase) = waves[0]
 
-        def sum_waves(state: State) -> float:
+        def sum_waves(state):
             q = state.q[dof]
             return a * sum([w * cos(n * q + p) for w, n, p in waves])
 
-        def bend(state: State) -> float:
+        def bend(state):
             x = k * state.q[dof] + phase
             return a * cos(x + 0.45 * sin(x))
 
-        def modulate(state: State) -> float:
+        def modulate(state):
             q = state.q[dof]
             return a * (1.0 + 0.5 * sin(1.37 * q + phase)) * cos(k * q + phase)
 
@@ -229,12 +223,12 @@ class TorqueRipple(Effect):
     told = ("depth", "harmonic")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> TorqueRipple:
+    def draw(cls, rng, context, form):
         pairs = context.rig.motors[context.joint].poles // 2
         order = 6 if form == "six-step" else int(rng.choice([1, 2, 6]))
         return cls(context.joint, form, 1.4 * context.share, pairs * order, rng.uniform(-pi, pi))
 
-    def drive(self, world: World) -> Law:
+    def drive(self, world):
         dof = world.dof[self.own]
         k = self.harmonic
         phase = self.phase
@@ -262,10 +256,10 @@ class TorqueGain(Effect):
     within = (-0.6, inf)
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> TorqueGain:
+    def draw(cls, rng, context, form):
         return cls(context.joint, form, draw_sign(rng) * context.share, context.lean)
 
-    def drive(self, world: World) -> Law:
+    def drive(self, world):
         gain = 1.0 + self.gain
         both = self.form == "constant"
         return change_torque(
@@ -284,8 +278,8 @@ class TorqueBias(Effect):
     stage = 7
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> TorqueBias:
+    def draw(cls, rng, context, form):
         return cls(context.joint, form, draw_sign(rng) * context.target)
 
-    def drive(self, world: World) -> Law:
+    def drive(self, world):
         return change_torque(self.own, lambda state, u: u + self.bias)

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import cos, exp, hypot, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.random import Generator
 
 from ..draws import draw_sign
-from ..rigs import Rig
-from .base import Context, Effect, Law, oppose, rub
-
-if TYPE_CHECKING:
-    from ..world import State, World
+from .base import Effect, oppose, rub
 
 
 @dataclass(frozen=True)
@@ -31,11 +24,11 @@ class Stribeck(Effect):
     told = ("extra", "speed")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> Stribeck:
+    def draw(cls, rng, context, form):
         speed = context.speed * rng.uniform(0.08, 0.35)
         return cls(context.joint, form, 1.5 * context.target, speed)
 
-    def grip(self, world: World) -> Law:
+    def grip(self, world):
         dof = world.dof[self.own]
         shape = {
             "gaussian": lambda x: exp(-x * x),
@@ -56,31 +49,31 @@ class AsymmetricFriction(Effect):
     foreign = ("saturating",)
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> AsymmetricFriction:
+    def draw(cls, rng, context, form):
         size = 2.0 * context.target * draw_sign(rng)
         return cls(context.joint, form, size / context.speed if form == "viscous" else size)
 
-    def parameters(self) -> dict[str, float]:
+    def parameters(self):
         return {f"{self.form}_difference": self.difference}
 
-    def plant(self, rig: Rig) -> Rig:
-        with_least = rig.with_viscous if self.form == "viscous" else rig.with_coulomb
-        return with_least(self.own, 0.6 * abs(self.difference))
+    def plant(self, rig):
+        kind = "viscous" if self.form == "viscous" else "coulomb"
+        return rig.with_friction(self.own, **{kind: 0.6 * abs(self.difference)})
 
     frozen = plant
 
-    def force(self, world: World) -> Law | None:
+    def force(self, world):
         dof = world.dof[self.own]
         half = 0.5 * self.difference
         viscous = self.form == "viscous"
         return oppose(dof, lambda state: half * abs(state.v[dof])) if viscous else None
 
-    def grip(self, world: World) -> Law | None:
+    def grip(self, world):
         joint = self.own
         dof = world.dof[self.own]
         half = 0.5 * self.difference
 
-        def law(state: State) -> None:
+        def law(state):
             v = abs(state.v[dof])
             more = half if self.form == "coulomb" else half * v / (0.5 + v)
             state.plus[joint] = max(state.plus[joint] + more, 0.0)
@@ -101,13 +94,13 @@ class LoadFriction(Effect):
     foreign = ("gravity", "bearing")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> LoadFriction:
+    def draw(cls, rng, context, form):
         return cls(context.joint, form, context.share, 0.7 * context.torque)
 
-    def prepare(self, world: World) -> None:
+    def prepare(self, world):
         world.needs_gravity = world.needs_gravity or self.form != "total"
 
-    def grip(self, world: World) -> Law:
+    def grip(self, world):
         joint = self.own
         dof = world.link_dof[self.own]
         offset = self.offset
@@ -135,17 +128,17 @@ class PlaceFriction(Effect):
     told = ("amplitude", "harmonic")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> PlaceFriction:
+    def draw(cls, rng, context, form):
         lowest = max(1, round(1.5 / context.width))
         harmonic = int(rng.integers(lowest, lowest + 4))
         return cls(context.joint, form, 1.5 * context.target, harmonic, rng.uniform(-np.pi, np.pi))
 
-    def plant(self, rig: Rig) -> Rig:
-        return rig.with_coulomb(self.own, 1.4 * self.amplitude)
+    def plant(self, rig):
+        return rig.with_friction(self.own, coulomb=1.4 * self.amplitude)
 
     frozen = plant
 
-    def grip(self, world: World) -> Law:
+    def grip(self, world):
         dof = world.dof[self.own]
         k = self.harmonic
         phase = self.phase
@@ -171,24 +164,24 @@ class FrictionDrift(Effect):
     told = ("change", "time_constant")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> FrictionDrift:
+    def draw(cls, rng, context, form):
         warm_up = context.rig.motors[context.joint].warm_up
         time_constant = context.seconds if form == "linear" else warm_up
         change = 1.7 * float(rng.choice([-1.0, -1.0, 1.0])) * context.target
         return cls(context.joint, form, change, time_constant, context.torque**2)
 
-    def plant(self, rig: Rig) -> Rig:
-        return rig.with_coulomb(self.own, 1.3 * max(-self.change, 0.0))
+    def plant(self, rig):
+        return rig.with_friction(self.own, coulomb=1.3 * max(-self.change, 0.0))
 
     frozen = plant
 
-    def grip(self, world: World) -> Law:
+    def grip(self, world):
         joint = self.own
         change = self.change
         tau = self.time_constant
         heat = 0.0
 
-        def warmth(state: State) -> float:
+        def warmth(state):
             nonlocal heat
             heat += state.dt / tau * (state.u[joint] ** 2 / self.reference_power - heat)
             return change * min(heat, 1.5)
@@ -213,11 +206,11 @@ class Drag(Effect):
     told = ("coefficient", "power")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> Drag:
+    def draw(cls, rng, context, form):
         power = 2.0 if form == "quadratic" else float(rng.choice([1.7, 2.4, 2.8]))
         return cls(context.joint, form, 0.6 * context.target / context.speed**power, power)
 
-    def force(self, world: World) -> Law:
+    def force(self, world):
         dof = world.dof[self.own]
         power = self.power - 1.0
         return oppose(
@@ -225,18 +218,16 @@ class Drag(Effect):
         )
 
 
-Bristle = Callable[[float, float], float]
-"""(speed, dt) → friction torque, advancing the bristles."""
+def lugre(limit, stroke, damping, stribeck):
+    """Return (speed, dt) → friction torque, advancing the bristles:
 
-
-def lugre(limit: float, stroke: float, damping: float, stribeck: float) -> Bristle:
-    """ż = v - |v| z / z_s(v); f = (limit/stroke) z + damping ż; z_s falls from 1 + stribeck to 1 strokes with |v|.
+    ż = v - |v| z / z_s(v); f = (limit/stroke) z + damping ż; z_s falls from 1 + stribeck to 1 strokes with |v|.
 
     z is advanced exactly for a constant v, and f is its mean over the step: no stiffness is too high."""
     stiffness = limit / stroke
     z = 0.0
 
-    def advance(v: float, dt: float) -> float:
+    def advance(v, dt):
         nonlocal z
         goal = stroke * (1.0 + stribeck * exp(-((v / 0.02) ** 2))) * (1.0 if v > 0.0 else -1.0)
         x = abs(v) * dt / abs(goal)
@@ -249,14 +240,14 @@ def lugre(limit: float, stroke: float, damping: float, stribeck: float) -> Brist
     return advance
 
 
-def maxwell_slip(limit: float, stroke: float, damping: float) -> Bristle:
+def maxwell_slip(limit, stroke, damping):
     """Six damped springs in parallel that slip one after the other, between 0.2 and 1.8 strokes."""
     reach = [stroke * (0.2 + 1.6 * i / 5) for i in range(6)]
     stiffness = [limit / 6 / r for r in reach]
     z = [0.0] * 6
     lag = damping / sum(stiffness)
 
-    def advance(v: float, dt: float) -> float:
+    def advance(v, dt):
         pull = 0.0
         for i, r in enumerate(reach):
             before = z[i]
@@ -284,20 +275,20 @@ class Presliding(Effect):
     told = ("limit", "stroke")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> Presliding:
+    def draw(cls, rng, context, form):
         limit = max(context.rig.motors[context.joint].coulomb, 2.5 * context.target)
         stroke = 0.005 * min(context.share * context.torque / limit, 1.0) + 2e-4
         return cls(context.joint, form, limit, stroke, context.inertia)
 
-    def scaled(self, k: float) -> Presliding:
+    def scaled(self, k):
         return replace(self, stroke=max(k * self.stroke, 5e-6))
 
-    def plant(self, rig: Rig) -> Rig:
-        return rig.with_coulomb(self.own, self.limit)
+    def plant(self, rig):
+        return rig.with_friction(self.own, coulomb=self.limit)
 
     frozen = plant
 
-    def grip(self, world: World) -> Law:
+    def grip(self, world):
         """Whatever limit other causes have set is handed to the bristles, as a share of their own."""
         joint = self.own
         dof = world.dof[self.own]
@@ -308,7 +299,7 @@ class Presliding(Effect):
             "maxwell-slip": lambda: maxwell_slip(self.limit, self.stroke, damping),
         }[self.form]()
 
-        def law(state: State) -> None:
+        def law(state):
             pull = advance(state.v[dof], state.dt)
             side = state.plus if pull > 0.0 else state.minus
             strength = side[joint] / self.limit

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import cos, inf, pi, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.random import Generator
 
-from .base import Context, Effect, Law
-
-if TYPE_CHECKING:
-    from ..world import State, World
+from .base import Effect, change_torque
 
 
 @dataclass(frozen=True)
@@ -26,39 +21,29 @@ class VoltageLimit(Effect):
     foreign = ("hard", "sagging-supply")
     kin = ("saturation",)
     stage = 2
-    told = ("no_load_speed", "stall")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> VoltageLimit:
-        return cls(
-            context.joint,
-            form,
-            4.0 * context.speed,
-            context.torque * (2.5 - 2.0 * sqrt(context.share)),
-        )
+    def draw(cls, rng, context, form):
+        stall = context.torque * (2.5 - 2.0 * sqrt(context.share))
+        return cls(context.joint, form, 4.0 * context.speed, stall)
 
-    def scaled(self, k: float) -> VoltageLimit:
+    def scaled(self, k):
         return replace(self, stall=self.stall / k**0.3, no_load_speed=self.no_load_speed / k**0.15)
 
-    def drive(self, world: World) -> Law:
-        joint = self.own
+    def drive(self, world):
         dof = world.dof[self.own]
-        top = self.no_load_speed
         stall = self.stall
         sagging = self.form == "sagging-supply"
         supply = 1.0
 
-        def law(state: State) -> None:
+        def limit(state, u):
             nonlocal supply
-            u = state.u[joint]
-            v = state.v[dof]
             if sagging:
                 supply += state.dt / 0.5 * (1.15 - 0.3 * min(abs(u) / stall, 1.0) - supply)
-            high = stall * max(supply - v / top, 0.0)
-            low = -stall * max(supply + v / top, 0.0)
-            state.u[joint] = min(max(u, low), high)
+            speed = state.v[dof] / self.no_load_speed
+            return min(max(u, -stall * max(supply + speed, 0.0)), stall * max(supply - speed, 0.0))
 
-        return law
+        return change_torque(self.own, limit)
 
 
 @dataclass(frozen=True)
@@ -74,31 +59,22 @@ class HotMotor(Effect):
     kin = ("torque-gain",)
     stage = 5
     within = (-inf, 0.6)
-    told = ("loss", "time_constant")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> HotMotor:
-        return cls(
-            context.joint,
-            form,
-            1.5 * context.share,
-            context.rig.motors[context.joint].warm_up,
-            context.torque**2,
-        )
+    def draw(cls, rng, context, form):
+        warm_up = context.rig.motors[context.joint].warm_up
+        return cls(context.joint, form, 1.5 * context.share, warm_up, context.torque**2)
 
-    def drive(self, world: World) -> Law:
-        joint = self.own
-        loss = self.loss
-        root = self.form == "root"
+    def drive(self, world):
         rate = world.dt / self.time_constant
         heat = 0.0
 
-        def law(state: State) -> None:
+        def lose(state, u):
             nonlocal heat
-            heat += rate * (state.u[joint] ** 2 / self.reference_power - heat)
-            state.u[joint] *= 1.0 - loss * min(sqrt(heat) if root else heat, 1.4)
+            heat += rate * (u**2 / self.reference_power - heat)
+            return u * (1.0 - self.loss * min(sqrt(heat) if self.form == "root" else heat, 1.4))
 
-        return law
+        return change_torque(self.own, lose)
 
 
 @dataclass(frozen=True)
@@ -114,32 +90,26 @@ class CrossTalk(Effect):
     kin = ("torque-ripple",)
     stage = 8
     needs_axes = 2
-    told = ("leak", "harmonic")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> CrossTalk:
+    def draw(cls, rng, context, form):
         others = [i for i in range(len(context.rig.links)) if i != context.joint]
-        return cls(
-            context.joint,
-            form,
-            1.4 * context.share,
-            int(rng.choice(others)),
-            int(rng.integers(2, 8)),
-        )
+        other = int(rng.choice(others))
+        return cls(context.joint, form, 1.4 * context.share, other, int(rng.integers(2, 8)))
 
-    def drive(self, world: World) -> Law:
-        joint = self.own
+    def drive(self, world):
         dof = world.dof[self.own]
-        other = self.other
-        leak = self.leak
-        k = self.harmonic
-        rectified = self.form == "rectified"
 
-        def law(state: State) -> None:
-            u = state.command[other]
-            state.u[joint] += leak * (abs(u) if rectified else u * cos(k * state.q[dof]))
+        def leak(state, u):
+            stray = state.command[self.other]
+            size = (
+                abs(stray)
+                if self.form == "rectified"
+                else stray * cos(self.harmonic * state.q[dof])
+            )
+            return u + self.leak * size
 
-        return law
+        return change_torque(self.own, leak)
 
 
 @dataclass(frozen=True)
@@ -154,23 +124,20 @@ class TorqueSteps(Effect):
     stage = 1
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> TorqueSteps:
+    def draw(cls, rng, context, form):
         return cls(context.joint, form, 3.4 * context.target)
 
-    def drive(self, world: World) -> Law:
-        joint = self.own
-        step = self.step
+    def drive(self, world):
+        slack = (0.75 if self.form == "hysteresis" else 0.5) * self.step
         level = 0.0
-        slack = 0.75 * step if self.form == "hysteresis" else 0.5 * step
 
-        def law(state: State) -> None:
+        def round_off(state, u):
             nonlocal level
-            u = state.u[joint]
             if abs(u - level) > slack:
-                level = step * round(u / step)
-            state.u[joint] = level
+                level = self.step * round(u / self.step)
+            return level
 
-        return law
+        return change_torque(self.own, round_off)
 
 
 @dataclass(frozen=True)
@@ -186,36 +153,28 @@ class Dropouts(Effect):
     kin = ("outliers",)
     stage = 2
     within = (-inf, 1.0)
-    told = ("loss", "per_second")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> Dropouts:
+    def draw(cls, rng, context, form):
         per_second = (1.0 if form == "dips" else 8.0) * max(0.5, 60.0 * context.share**2)
-        return cls(
-            context.joint, form, min(8.0 * context.share, 1.0), per_second, int(rng.integers(2**31))
-        )
+        loss = min(8.0 * context.share, 1.0)
+        return cls(context.joint, form, loss, per_second, int(rng.integers(2**31)))
 
-    def _windows(self, seconds: float) -> list[tuple[float, float]]:
+    def drive(self, world):
         rng = np.random.default_rng(self.seed)
-        count = max(2, round(self.per_second * seconds))
-        starts = np.sort(rng.uniform(0.0, seconds, count))
-        lengths = rng.uniform(0.01, 0.04, count) * (1.0 if self.form == "dips" else 0.125)
-        return [(float(s), float(s + d)) for s, d in zip(starts, lengths, strict=True)]
-
-    def drive(self, world: World) -> Law:
-        joint = self.own
-        left = 1.0 - self.loss
-        windows = iter([*self._windows(world.seconds), (np.inf, np.inf)])
+        count = max(2, round(self.per_second * world.seconds))
+        starts = np.sort(rng.uniform(0.0, world.seconds, count))
+        ends = starts + rng.uniform(0.01, 0.04, count) * (1.0 if self.form == "dips" else 0.125)
+        windows = iter([*zip(starts.tolist(), ends.tolist(), strict=True), (inf, inf)])
         start, end = next(windows)
 
-        def law(state: State) -> None:
+        def drop(state, u):
             nonlocal start, end
             while state.t >= end:
                 start, end = next(windows)
-            if state.t >= start:
-                state.u[joint] *= left
+            return u * (1.0 - self.loss) if state.t >= start else u
 
-        return law
+        return change_torque(self.own, drop)
 
 
 @dataclass(frozen=True)
@@ -229,21 +188,18 @@ class SupplyHum(Effect):
     foreign = ("multiplied", "added")
     kin = ("torque-ripple",)
     stage = 8
-    told = ("depth", "hertz")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> SupplyHum:
+    def draw(cls, rng, context, form):
         depth = 1.4 * (context.share if form == "multiplied" else context.target)
         return cls(context.joint, form, depth, rng.uniform(3.0, 15.0))
 
-    def drive(self, world: World) -> Law:
-        joint = self.own
-        depth = self.depth
+    def drive(self, world):
         omega = 2.0 * pi * self.hertz
         added = self.form == "added"
 
-        def law(state: State) -> None:
-            wave = depth * cos(omega * state.t)
-            state.u[joint] += wave if added else wave * state.u[joint]
+        def hum(state, u):
+            wave = self.depth * cos(omega * state.t)
+            return u + (wave if added else wave * u)
 
-        return law
+        return change_torque(self.own, hum)

@@ -1,23 +1,108 @@
-"""What is wrong with how the rig stands or is measured: encoders, a base that is tilted or moves."""
+"""What a model gets wrong of the whole rig: its payload, its encoders, a base that is tilted or moves."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.random import Generator
 
 from ..draws import draw_sign
 from ..mjcf import DRIVEN, Base
-from ..motion import BaseMotion, handheld, profile_s
-from ..rigs import Array, rotation_about
+from ..motion import handheld, profile_s
+from ..rigs import Inertia, rotation_about
 from ..rnea import GRAVITY
-from .base import Context, Effect, Law
+from .base import Effect
+from .hanging import edge_of
 
-if TYPE_CHECKING:
-    from ..world import State, World
+
+@dataclass(frozen=True)
+class PayloadShift(Effect):
+    """The payload's centre of mass lies elsewhere than its (trusted) URDF says."""
+
+    shift: tuple[float, float, float]
+
+    cause = "payload-shift"
+    known = ("rigid",)
+
+    @classmethod
+    def draw(cls, rng, context, form):
+        axis = rng.normal(size=3)
+        size = context.target / (9.81 * context.rig.payload.inertia.mass)
+        return cls(None, form, tuple(size * axis / np.linalg.norm(axis)))
+
+    def scaled(self, k):
+        return replace(self, shift=tuple(k * x for x in self.shift))
+
+    def parameters(self):
+        return dict(zip(("shift_x", "shift_y", "shift_z"), self.shift, strict=True))
+
+    def plant(self, rig):
+        body = rig.payload.inertia
+        return rig.with_payload(replace(body, com=body.com + np.array(self.shift)))
+
+
+@dataclass(frozen=True)
+class PayloadMass(Effect):
+    """The payload is heavier or lighter by a share: all of it, or by something bolted on off its centre."""
+
+    share: float
+    place: tuple[float, float, float]
+
+    cause = "payload-mass"
+    known = ("uniform",)
+    foreign = ("bolted-on",)
+    within = (-0.8, inf)
+
+    @classmethod
+    def draw(cls, rng, context, form):
+        sign = 1.0 if form == "bolted-on" else draw_sign(rng)
+        place = 0.15 * edge_of(context.rig) * rng.uniform(-1.0, 1.0, 3)
+        return cls(None, form, sign * context.share, tuple(place))
+
+    def plant(self, rig):
+        body = rig.payload.inertia
+        extra = Inertia(self.share * body.mass, body.com, self.share * body.tensor)
+        if self.form == "bolted-on":
+            extra = Inertia(extra.mass, body.com + np.array(self.place), 0.02 * extra.tensor)
+        return rig.with_payload(body.plus(extra))
+
+
+def diagonal(rig):
+    """Return the rig with every product of inertia dropped, as a thesis-style model has it."""
+    return rig.with_inertias(lambda one: replace(one, tensor=np.diag(np.diag(one.tensor))))
+
+
+@dataclass(frozen=True)
+class OffDiagonalInertia(Effect):
+    """Products of inertia that the (trusted, diagonal) model lacks; `products` are shares of what a body allows."""
+
+    strength: float
+    products: tuple[tuple[float, float, float], ...]
+
+    cause = "off-diagonal-inertia"
+    known = ("products",)
+    needs_axes = 2
+    within = (-inf, 0.9)
+
+    @classmethod
+    def draw(cls, rng, context, form):
+        products = rng.uniform(-1.0, 1.0, (len(context.rig.links) + 1, 3))
+        return cls(None, form, min(2.0 * context.share, 0.6), tuple(map(tuple, products)))
+
+    def plant(self, rig):
+        """Products p·√(Σ_a Σ_b)/2 of the second moments Σ: any |p| ≤ 1 leaves a real body."""
+        rows = iter(self.products)
+
+        def skew(inertia):
+            second = 0.5 * np.trace(inertia.tensor) * np.eye(3) - inertia.tensor
+            root = np.sqrt(np.diag(second))
+            skewed = np.zeros((3, 3))
+            for value, (a, b) in zip(next(rows), ((0, 1), (0, 2), (1, 2)), strict=True):
+                skewed[a, b] = skewed[b, a] = 0.5 * self.strength * value * root[a] * root[b]
+            return replace(inertia, tensor=inertia.tensor - skewed)
+
+        return rig.with_inertias(skew)
 
 
 @dataclass(frozen=True)
@@ -33,21 +118,16 @@ class EncoderOffset(Effect):
     foreign = ("eccentric",)
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> EncoderOffset:
+    def draw(cls, rng, context, form):
         offset = draw_sign(rng) * context.share
-        return cls(
-            context.joint,
-            form,
-            offset,
-            0.3 * offset if form == "eccentric" else 0.0,
-            rng.uniform(-3.0, 3.0),
-        )
+        eccentricity = 0.3 * offset if form == "eccentric" else 0.0
+        return cls(context.joint, form, offset, eccentricity, rng.uniform(-3.0, 3.0))
 
-    def scaled(self, k: float) -> EncoderOffset:
+    def scaled(self, k):
         offset = float(np.clip(k * self.offset, -0.5, 0.5))
         return replace(self, offset=offset, eccentricity=offset * (self.eccentricity / self.offset))
 
-    def prepare(self, world: World) -> None:
+    def prepare(self, world):
         world.offset[self.own] += self.offset
         world.eccentric[self.own] = (self.eccentricity, self.phase)
 
@@ -66,27 +146,24 @@ class BaseTilt(Effect):
     told = ("angle", "heading")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> BaseTilt:
+    def draw(cls, rng, context, form):
         return cls(None, form, 2.0 * context.share, rng.uniform(-np.pi, np.pi))
 
-    def _gravity(self, share: float) -> Array:
+    def _gravity(self, share):
         axis = np.array([np.cos(self.heading), np.sin(self.heading), 0.0])
         return rotation_about(axis, share * self.angle).T @ GRAVITY
 
-    def prepare(self, world: World) -> None:
+    def prepare(self, world):
         world.model.opt.gravity[:] = self._gravity(1.0)
 
-    def force(self, world: World) -> Law | None:
-        if self.form == "static":
-            return None
+    def force(self, world):
         gravity = world.model.opt.gravity
-        seconds = world.seconds
         path = [self._gravity(share).tolist() for share in np.linspace(0.0, 2.0, 4001)]
 
-        def law(state: State) -> None:
-            gravity[:] = path[min(int(4000 * 0.5 * state.t / seconds), 4000)]
+        def law(state):
+            gravity[:] = path[min(int(4000 * 0.5 * state.t / world.seconds), 4000)]
 
-        return law
+        return None if self.form == "static" else law
 
 
 @dataclass(frozen=True)
@@ -102,25 +179,23 @@ class PlatformMotion(Effect):
     within = (-inf, 3.0)
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> PlatformMotion:
+    def draw(cls, rng, context, form):
         return cls(None, form, context.share, int(rng.integers(2**31)))
 
-    def motion(self) -> BaseMotion:
-        """The path of the base: position and Euler angles as functions of time."""
+    def motion(self):
+        """Return the path of the base: position and Euler angles as functions of time."""
         rng = np.random.default_rng(self.seed)
         return (profile_s if self.form == "sines" else handheld)(rng, self.size)
 
-    def prepare(self, world: World) -> None:
+    def prepare(self, world):
         world.base_path = self.motion().sampled(world.dt, world.seconds)
 
-    def force(self, world: World) -> Law:
+    def force(self, world):
         """The driven base's own weight and reaction vanish beside its armature; only its acceleration is wanted."""
         dofs = world.base_dofs
         path = world.base_path
-        if path is None:
-            raise ValueError("platform-motion: prepare() must come before force()")
 
-        def law(state: State) -> None:
+        def law(state):
             for dof, a in zip(dofs, path(state.t)[2], strict=True):
                 state.force[dof] += DRIVEN * a
 

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import pi, sinh
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.random import Generator
 
 from ..mjcf import Appendage, Hinge
-from ..rigs import Inertia, Rig
-from .base import Context, Effect, Law
-
-if TYPE_CHECKING:
-    from ..world import State, World
+from ..rigs import Inertia
+from .base import Effect, oppose
 
 
 @dataclass(frozen=True)
@@ -32,46 +26,33 @@ class CableSpring(Effect):
     foreign = ("exponential", "slack")
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> CableSpring:
+    def draw(cls, rng, context, form):
         width = context.width
-        stiffness = 2.0 * context.target / context.width
         cubic = 2.0 * context.target / width**3 if form == "cubic" else 0.0
-        return cls(
-            context.joint,
-            form,
-            0.5 * stiffness if cubic else stiffness,
-            cubic,
-            context.place(rng),
-            width,
-        )
+        stiffness = (0.5 if cubic else 1.0) * (2.0 * context.target / width)
+        low, high = context.span
+        rest = float(low + (high - low) * rng.uniform(0.25, 0.75))
+        return cls(context.joint, form, stiffness, cubic, rest, width)
 
-    def scaled(self, k: float) -> CableSpring:
+    def scaled(self, k):
         return replace(self, stiffness=k * self.stiffness, cubic=k * self.cubic)
 
-    def parameters(self) -> dict[str, float]:
+    def parameters(self):
         more = {"cubic": self.cubic} if self.form == "cubic" else {}
         return {"stiffness": self.stiffness, "rest": self.rest, **more}
 
-    def force(self, world: World) -> Law:
+    def force(self, world):
         dof = world.link_dof[self.own]
         k = self.stiffness
-        cubic = self.cubic
-        rest = self.rest
-        width = self.width
-        slack = 0.3 * width
-        steep = 3.0 / width
-        pulls: dict[str, Callable[[float], float]] = {
+        slack = 0.3 * self.width
+        steep = 3.0 / self.width
+        pull = {
             "linear": lambda x: k * x,
-            "cubic": lambda x: k * x + cubic * x**3,
+            "cubic": lambda x: k * x + self.cubic * x**3,
             "exponential": lambda x: 0.3 * k / steep * sinh(min(max(steep * x, -8.0), 8.0)),
             "slack": lambda x: k * (max(x - slack, 0.0) + min(x + slack, 0.0)),
-        }
-        pull = pulls[self.form]
-
-        def law(state: State) -> None:
-            state.force[dof] -= pull(state.q[dof] - rest)
-
-        return law
+        }[self.form]
+        return oppose(dof, lambda state: pull(state.q[dof] - self.rest))
 
 
 @dataclass(frozen=True)
@@ -83,39 +64,34 @@ class TwoMasses(Effect):
 
     stiff = True
     in_band = True
+    widest = 300.0
 
-    def _rotor_name(self) -> str:
-        return f"rotor_{self.own}"
-
-    def _rotor_inertia(self, rig: Rig) -> Inertia:
-        axis = rig.links[self.own].axis
-        tensor = self.rotor * (0.55 * np.eye(3) + 0.45 * np.outer(axis, axis))
-        return Inertia(0.05 * rig.links[self.own].inertia.mass, np.zeros(3), tensor)
-
-    def appendages(self, rig: Rig) -> tuple[Appendage, ...]:
+    def appendages(self, rig):
         link = rig.links[self.own]
-        hinge = Hinge(self._rotor_name(), "hinge", link.axis)
-        inertia = self._rotor_inertia(rig)
-        return (
-            Appendage(hinge.name, self.own - 1, link.position, (hinge,), inertia, link.rotation),
-        )
+        hinge = Hinge("rotor", "hinge", link.axis)
+        tensor = self.rotor * (0.55 * np.eye(3) + 0.45 * np.outer(link.axis, link.axis))
+        inertia = Inertia(0.05 * link.inertia.mass, np.zeros(3), tensor)
+        place = (link.position, (hinge,), inertia, link.rotation)
+        return (Appendage("rotor", self.own - 1, *place),)
 
-    def frozen(self, rig: Rig) -> Rig:
-        return rig.with_body(self.own, self._rotor_inertia(rig))
+    def frozen(self, rig):
+        (rotor,) = self.appendages(rig)
+        return rig.with_body(self.own, rotor.inertia)
 
-    def prepare(self, world: World) -> None:
-        world.dof[self.own] = world.named(self._rotor_name())
+    def prepare(self, world):
+        world.dof[self.own] = world.named("rotor")
 
     @property
-    def reduced(self) -> float:
+    def reduced(self):
         """J_r J_l / (J_r + J_l): what swings against the spring, kg m²."""
         return self.rotor * self.link / (self.rotor + self.link)
 
-    def _coupling(self, world: World, pull: Callable[[float, float], float]) -> Law:
+    def couple(self, world, pull):
+        """Return the law of a torque between rotor and link, by their twist and its rate."""
         rotor = world.dof[self.own]
         link = world.link_dof[self.own]
 
-        def law(state: State) -> None:
+        def law(state):
             torque = pull(state.q[rotor] - state.q[link], state.v[rotor] - state.v[link])
             state.force[rotor] -= torque
             state.force[link] += torque
@@ -133,32 +109,31 @@ class JointFlexibility(TwoMasses):
     cause = "joint-flexibility"
     known = ("linear",)
     foreign = ("hardening",)
-    widest = 300.0
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> JointFlexibility:
+    def draw(cls, rng, context, form):
         rotor = context.inertia * rng.uniform(0.1, 0.5)
         effect = cls(context.joint, form, rotor, context.inertia, 1.0, rng.uniform(0.02, 0.1))
         omega = 2.0 * pi * float(np.clip(9.0 / np.sqrt(context.share), 6.0, 150.0))
         return replace(effect, stiffness=effect.reduced * omega**2)
 
-    def scaled(self, k: float) -> JointFlexibility:
+    def scaled(self, k):
         softest, hardest = (self.reduced * (2.0 * pi * f) ** 2 for f in (5.0, 180.0))
         return replace(self, stiffness=min(max(self.stiffness / k, softest), hardest))
 
-    def parameters(self) -> dict[str, float]:
+    def parameters(self):
         hertz = float(np.sqrt(self.stiffness / self.reduced)) / (2.0 * pi)
         return {"stiffness": self.stiffness, "rotor_inertia": self.rotor, "resonance_hz": hertz}
 
-    def force(self, world: World) -> Law:
+    def force(self, world):
         k = self.stiffness
         damping = 2.0 * self.damping_ratio * float(np.sqrt(k * self.reduced))
-        if self.form == "linear":
-            return self._coupling(world, lambda twist, rate: k * twist + damping * rate)
         scale = 0.5 * world.rig.motors[self.own].tau_max / k
-        return self._coupling(
-            world, lambda x, rate: 0.7 * k * x * (1.0 + (x / scale) ** 2) + damping * rate
-        )
+        pull = {
+            "linear": lambda x, rate: k * x + damping * rate,
+            "hardening": lambda x, rate: 0.7 * k * x * (1.0 + (x / scale) ** 2) + damping * rate,
+        }[self.form]
+        return self.couple(world, pull)
 
 
 @dataclass(frozen=True)
@@ -170,40 +145,33 @@ class Backlash(TwoMasses):
     cause = "backlash"
     known = ("linear-flanks",)
     foreign = ("hertz-flanks",)
-    widest = 300.0
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> Backlash:
+    def draw(cls, rng, context, form):
         rotor = context.inertia * rng.uniform(0.15, 0.5)
-        return cls(
-            context.joint,
-            form,
-            rotor,
-            context.inertia,
-            float(np.clip(0.5 * context.share**2, 2e-4, 0.02)),
-        )
+        gap = float(np.clip(0.5 * context.share**2, 2e-4, 0.02))
+        return cls(context.joint, form, rotor, context.inertia, gap)
 
-    def scaled(self, k: float) -> Backlash:
+    def scaled(self, k):
         return replace(self, gap=min(max(k * self.gap, 1e-4), 0.15))
 
-    def parameters(self) -> dict[str, float]:
+    def parameters(self):
         return {"gap": self.gap, "rotor_inertia": self.rotor}
 
-    def force(self, world: World) -> Law:
-        half = 0.5 * self.gap
+    def force(self, world):
         hertz, power = (250.0, 1.0) if self.form == "linear-flanks" else (130.0, 1.5)
         stiffness = self.reduced * (2.0 * pi * hertz) ** 2
         damping = 0.4 * float(np.sqrt(stiffness * self.reduced))
         soft = (0.1 * world.rig.motors[self.own].tau_max / stiffness) ** (1.0 - power)
 
-        def pull(twist: float, rate: float) -> float:
-            depth = abs(twist) - half
+        def pull(twist, rate):
+            depth = abs(twist) - 0.5 * self.gap
             if depth <= 0.0:
                 return 0.0
             side = 1.0 if twist > 0.0 else -1.0
             return side * max(stiffness * soft * depth**power + side * damping * rate, 0.0)
 
-        return self._coupling(world, pull)
+        return self.couple(world, pull)
 
 
 @dataclass(frozen=True)
@@ -217,10 +185,10 @@ class Armature(Effect):
     needs_axes = 2
 
     @classmethod
-    def draw(cls, rng: Generator, context: Context, form: str) -> Armature:
+    def draw(cls, rng, context, form):
         return cls(context.joint, form, context.inertia * context.share)
 
-    def plant(self, rig: Rig) -> Rig:
+    def plant(self, rig):
         values = list(rig.armature)
         values[self.own] += self.inertia
         return replace(rig, armature=tuple(values))
