@@ -103,15 +103,12 @@ def plant_filtered_velocity(
     return replace(log, v=sosfilt(sections, raw - raw[0], axis=0) + raw[0])
 
 
-def plant_commanded_torque(log: Log, rng: np.random.Generator, *, damping: float = 0.0) -> Log:
-    """Replace the torque by a servo's law of the reference and the angle, and of the rate where there is one."""
+def plant_commanded_torque(log: Log, rng: np.random.Generator) -> Log:
+    """Replace the torque by a servo's law of the reference and the angle."""
     assert log.tau is not None and log.q_ref is not None
-    pull = log.q_ref - log.q - (0.0 if log.v is None else damping * log.v)
-    return replace(
-        log,
-        tau=pull
-        * np.sqrt(np.mean(log.tau**2, axis=0) / np.maximum(np.mean(pull**2, axis=0), 1e-300)),
-    )
+    pull = log.q_ref - log.q
+    power = np.mean(log.tau**2, axis=0) / np.maximum(np.mean(pull**2, axis=0), 1e-300)
+    return replace(log, tau=pull * np.sqrt(power))
 
 
 def plant_acceleration_noise(
