@@ -87,6 +87,8 @@ def test_the_yield_is_the_share_with_wilsons_interval(
     found = study(
         rig, spec=[f"rms_error < {bound!r} °", "peak_torque < 1.5"], folder=tmp_path / "a"
     )
+    low, middle, high = np.quantile(errors, [0.05, 0.5, 0.95], method="nearest")
+    assert found.figures.loc["rms_error"].tolist() == [middle, low, high, errors[-1]]
     expected = binomtest(6, 8).proportion_ci(0.95, "wilson")
     assert found.yield_ is not None
     assert (found.yield_.value, found.yield_.of) == (6 / 8, 8)

@@ -150,6 +150,16 @@ def test_unknown_values_name_no_unit_and_hide_none() -> None:
     assert np.isinf(found.errors.loc["003"]).all() and np.isfinite(found.errors.loc["004"]).all()
 
 
+def test_two_odd_units_do_not_hide_each_other() -> None:
+    units = [f"unit {k}" for k in range(8)] + ["changed"] * 3
+    values = np.random.default_rng(10).normal(scale=1e-4, size=(11, len(NAMES)))
+    values[[7, -1], 0] += [2.5e-3, 6e-3]
+    stds = np.full(values.shape, 3e-6)
+    found = compare({"values": values, "stds": stds, "units": units, "times": np.arange(11.0)})
+    odd = {("unit 7", NAMES[0], "offset"), ("changed", NAMES[0], "step")}
+    assert list_deviations(found) == odd
+
+
 def test_a_single_unit_has_nothing_to_be_compared_with() -> None:
     with pytest.raises(UsageError, match="fewer than two units"):
         compare(draw_fleet(8, 1, 3))

@@ -2,7 +2,7 @@
 
 - solids, ghost, line of sight and keyframes agree with yourdfpy and Pinocchio, whatever the order of columns;
 - the base turns with its IMU; a second run stands apart and keeps its own motion, errors are magnified alike;
-- what cannot be used is refused;
+- every view holds the rig; what cannot be drawn is named, what cannot be used is refused;
 - a name is no part of a page; a file is whole or not there.
 """
 
@@ -26,6 +26,7 @@ import lxml.html
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 import umsgpack
 from PIL import Image
 
@@ -33,7 +34,9 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log import Imu, Log
 from gimbal_pin.report import view
 from gimbal_pin.report.view import figure, output
-from gimbal_pin.report.view.solids import Y_TO_Z
+from gimbal_pin.report.view.motion import motion, poses
+from gimbal_pin.report.view.scene import scene
+from gimbal_pin.report.view.solids import Y_TO_Z, visuals
 from gimbal_pin.rig import Rig, bundled_rigs
 from tests.browsing import needs_browser, visit
 from tests.rigs import bundled, spelled
@@ -288,6 +291,42 @@ def test_two_runs_stand_apart_and_show_their_errors_magnified_by_one_factor(lump
     apart = parts(page, "/meshcat/beside/rig", 7) - alone
     assert np.linalg.norm(apart[0]) > 0.5
     np.testing.assert_allclose(apart, np.broadcast_to(apart[0], apart.shape), atol=1e-6)
+
+
+def test_meshes_are_drawn_in_their_scale_and_what_is_missing_is_named(tmp_path: Path) -> None:
+    trimesh.creation.box((2.0, 4.0, 6.0)).export(tmp_path / "block.stl")
+    (tmp_path / "broken.stl").write_bytes(b"solid nothing")
+    mesh = "<visual><geometry><mesh filename='{}.stl' scale='.1 .1 .1'/></geometry></visual>"
+    link = f"<link name='hull'>{''.join(map(mesh.format, ('block', 'absent', 'broken')))}</link>"
+    weld = "<joint name='w' type='fixed'><parent link='boom'/><child link='hull'/></joint>"
+    (tmp_path / "bare.urdf").write_text(BARE.replace("EXTRA", LUMPED + link + weld))
+    solids, events, missing = visuals(Rig.load(tmp_path / "bare.urdf"))
+    (block,) = (solid for solid in solids if solid.link == "hull")
+    np.testing.assert_allclose(block.corners.max(axis=0), [0.1, 0.2, 0.3])
+    assert [one.rgba for one in solids if one.link == "tip"] == [(0.2, 0.4, 0.6, 1.0)]
+    assert missing == {"hull"}
+    assert ["absent.stl" in one for one in events] == [True, False]
+    assert ["broken.stl" in one for one in events] == [False, True]
+
+
+@pytest.mark.parametrize("aspect", [16 / 9, 0.5])
+def test_every_view_holds_the_rig(aspect: float) -> None:
+    """In its middle nine tenths, and in front of what is too far and behind what is too near to be drawn."""
+    rig = bundled("thesis")
+    shown = motion(rig, sweep(rig), 15, 1.0, False)
+    hull = figure.hull(visuals(rig)[0], poses(rig.model, shown.q).world)
+    for placed in scene(rig, shown, aspect=aspect).views.values():
+        properties = {c["property"]: c["value"] for c in placed if c["type"] == "set_property"}
+        eye = properties["position"] * np.array([1, 1, -1])  # the camera's own frame has y up
+        back = eye[[0, 2, 1]] / np.linalg.norm(eye)
+        right = np.cross([0, 0, 1.0], back) / np.hypot(*back[:2])
+        points = hull + square(placed[0]["matrix"])[:3, 3]
+        depth = np.linalg.norm(eye) - points @ back
+        across = points @ np.array([right, np.cross(back, right)]).T / depth[:, None]
+        share = np.abs(across / np.tan(np.deg2rad(16.0)) / [aspect, 1.0]).max()
+        assert properties["near"] < depth.min()
+        assert depth.max() < properties["far"]
+        assert 0.5 < share < 0.88 + 1e-6
 
 
 # -- what cannot be used, names, files ---------------------------------------------------------------------------------

@@ -249,6 +249,18 @@ def test_what_judges_does_not_train() -> None:
     assert np.all(residual_of(other, StudioState()) > 3 * residual_of(one, StudioState()))
 
 
+def test_of_several_logs_any_part_judges() -> None:
+    """Marked in the second of two logs, what judges is that part, and the model that of the rest in any order."""
+    logs = (bench_log(0), bench_log(1))
+    late = logs[1].t - logs[1].t[0] >= 10.0
+    cut = (logs[1].part(~late), logs[0], logs[1].part(late))
+    marked = prepare_subject(StudioSource(bundled(RIG), logs), judged=(30.0, 41.0))
+    alone = prepare_subject(StudioSource(bundled(RIG), cut))
+    np.testing.assert_allclose(marked.model.rig.phi, alone.model.rig.phi, rtol=1e-6, atol=1e-9)
+    found, asked = (residual_of(each, StudioState()) for each in (marked, alone))
+    np.testing.assert_allclose(found, asked, rtol=1e-6)
+
+
 def test_a_wider_loop_holds_the_camera_more_still() -> None:
     subject = stated()
     errors = []
