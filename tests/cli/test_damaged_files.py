@@ -16,7 +16,6 @@ import numpy as np
 import pandas
 import pyarrow
 import pytest
-import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyarrow import parquet
@@ -49,7 +48,7 @@ PAN = """<?xml version="1.0"?>
       <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.04"/>
     </inertial>
     <visual><origin xyz="0 0 0.1"/><geometry><cylinder radius="0.03" length="0.2"/></geometry></visual>
-    <visual><geometry><mesh filename="part.stl"/></geometry></visual>
+    <visual><geometry><mesh filename="part.obj"/></geometry></visual>
     <collision><geometry><sphere radius="0.1"/></geometry></collision>
   </link>
   <link name="sight"/>
@@ -89,7 +88,7 @@ noise: {gyro: 0.0001, accelerometer: 0.001}
 MAPPING = "t: time\nq_pan: pos*pi/180\ndq_pan: speed\ntau_pan: iq*0.3\nq_ref_pan: want\n"
 CAUSES = ("cogging:pan:amplitude=0.05,harmonic=12", "delay:pan:time=0.002", "base-tilt:roll=0.02")
 """A torque, a part of the drive and a change of the rig: the three kinds that an extended model may hold."""
-RIG = ("pan.yaml", "pan.urdf", "part.stl")
+RIG = ("pan.yaml", "pan.urdf", "part.obj")
 OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
@@ -98,39 +97,21 @@ PLACES = {
     "pan.yaml": ("pan.yaml", "pan.urdf"),
     "block.urdf": ("block.urdf", "with block"),
     "map.yaml": ("map.yaml", "mapped.csv"),
+    "extended.yaml": ("extended.yaml", "joint pan: "),
 }
 """A file of several → names of which an error has one, as it may be that they contradict each other."""
-
-
-class Content(bytes):
-    """A file's bytes, of which a failure prints the beginning."""
-
-    def __repr__(self) -> str:
-        return f"{len(self)} bytes, {bytes(self[:100])!r}"
 
 
 class Files(dict[str, Any]):
     """Name → a file's bytes or a column, of which a failure prints the name."""
 
     def __repr__(self) -> str:
-        return ", ".join(
-            f"{name}: {getattr(x, 'dtype', '')}" for name, x in list(self.items())[:40]
-        )
+        return ", ".join(self)
 
 
-def stl() -> bytes:
-    """A tetrahedron as a binary STL."""
-    corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], dtype="<f4")
-    faces = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
-    body = b"".join(
-        np.zeros(3, "<f4").tobytes() + corners[list(face)].tobytes() + b"\0\0" for face in faces
-    )
-    return b"\0" * 80 + np.uint32(len(faces)).tobytes() + body
-
-
-def thin(path: Path, step: int = 10) -> pandas.DataFrame:
+def thin(path: Path) -> pandas.DataFrame:
     """Keep every tenth sample of a log of 1 kHz."""
-    frame = pandas.read_csv(path)[::step]
+    frame = pandas.read_csv(path)[::10]
     frame.to_csv(path, index=False)
     return frame
 
@@ -147,8 +128,6 @@ BINARY: Mapping[str, Callable[[Columns, Path], None]] = {
 ISOLATED: Mapping[str, Callable[[Columns, Path], None]] = {
     "log.mat": as_mat,
     "hdf5.mat": as_hdf5,
-    "log.bag": as_bag("ros1"),
-    "log.db3": as_bag("sqlite3"),
     "log.mcap": as_bag("mcap"),
     "log.ulg": as_ulog,
     "log.tlog": as_tlog,
@@ -192,7 +171,6 @@ def write_files() -> None:
         "map.yaml": MAPPING,
     }.items():
         Path(name).write_text(text, encoding="utf-8")
-    Path("part.stl").write_bytes(stl())
     Path("part.obj").write_bytes(OBJ)
     for line in (
         "simulate pan.yaml -o log.csv --seconds 6",
@@ -282,13 +260,12 @@ READERS: Mapping[str, tuple[Any, tuple[str, ...]]] = {
     "log.json": (damaged.damaged_json, (INSPECT, IDENTIFY)),
     "log.candump": (damaged.damaged_bytes, (INSPECT,)),
     "log.npy": (damaged.damaged_bytes, (IDENTIFY, INSPECT)),
-    "plain.npy": (damaged.damaged_bytes, (INSPECT,)),
     "log.npz": (damaged.damaged_bytes, (IDENTIFY, INSPECT)),
     "log.csv.gz": (damaged.damaged_bytes, (IDENTIFY, INSPECT)),
     "log.parquet": (damaged.damaged_bytes, (IDENTIFY, INSPECT)),
     "pan.urdf": (damaged.damaged_xml, ("check pan.yaml", "base pan.urdf", RUN)),
     "block.urdf": (damaged.damaged_xml, ("check pan.yaml --payload {}",)),
-    "pan.yaml": (damaged.damaged_yaml, ("check {}", "identify {} log.csv -o out.yaml", RUN)),
+    "pan.yaml": (damaged.damaged_yaml, ("check {}", RUN)),
     "map.yaml": (damaged.damaged_yaml, ("identify pan.yaml mapped.csv --map {} -o out.yaml",)),
     "model.yaml": (
         damaged.damaged_yaml,
@@ -310,7 +287,7 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(
 ) -> None:
     strategy, lines = READERS[name]
     line = data.draw(st.sampled_from(lines)).format(name)
-    check(line, {name: data.draw(strategy(valid[name]).map(Content))})
+    check(line, {name: data.draw(strategy(valid[name]))})
 
 
 @settings(max_examples=max(2, settings().max_examples // 6))
@@ -319,18 +296,14 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(
 def test_a_damaged_file_of_a_foreign_library_is_read_or_refused_in_one_line(
     name: str, data: st.DataObject, valid: Files, check: Any
 ) -> None:
-    check(f"inspect {name}", {name: data.draw(damaged.damaged_bytes(valid[name]).map(Content))})
+    check(f"inspect {name}", {name: data.draw(damaged.damaged_bytes(valid[name]))})
 
 
 @settings(max_examples=max(2, settings().max_examples // 6))
-@pytest.mark.parametrize("name", ["part.stl", "part.obj"])
 @given(data=st.data())
-def test_a_damaged_mesh_is_drawn_or_left_out(
-    name: str, data: st.DataObject, valid: Files, check: Any
-) -> None:
-    mesh = data.draw(damaged.damaged_bytes(valid[name]).map(Content))
-    files = {"pan.urdf": PAN.replace("part.stl", name).encode(), name: mesh}
-    check("animate pan.yaml reference.csv -o out.html", files)
+def test_a_damaged_mesh_is_drawn_or_left_out(data: st.DataObject, valid: Files, check: Any) -> None:
+    mesh = data.draw(damaged.damaged_bytes(valid["part.obj"]))
+    check("animate pan.yaml reference.csv -o out.html", {"part.obj": mesh})
 
 
 def write_parquet(columns: Mapping[str, Any]) -> bytes:
@@ -355,62 +328,34 @@ def test_arrays_of_other_types_and_shapes_are_read_or_refused(
     name: str, data: st.DataObject, valid: Files, check: Any
 ) -> None:
     is_npz = name == "log.npz"
-    changes = damaged.ARRAY_CHANGES | (damaged.SHAPE_CHANGES if is_npz else {})
+    changes = damaged.ARRAY_CHANGES + (damaged.SHAPE_CHANGES if is_npz else ())
     columns = data.draw(damaged.damaged_columns(valid["columns"], changes).map(Files))
     line = data.draw(st.sampled_from((IDENTIFY, INSPECT))).format(name)
     check(line, {name: (write_npz if is_npz else write_parquet)(columns)})
 
 
-def add_number(key: str) -> Callable[[bytes], bytes]:
-    """Return what adds a number to a list of a YAML file."""
-
-    def change(content: bytes) -> bytes:
-        tree = yaml.safe_load(content)
-        return yaml.safe_dump({**tree, key: [*tree[key], 0.1]}).encode()
-
-    return change
-
-
-def scale_column(name: str, factor: float) -> Callable[[bytes], bytes]:
-    """Return what multiplies a column of a log."""
-
-    def change(content: bytes) -> bytes:
-        frame = pandas.read_csv(io.BytesIO(content))
-        return frame.assign(**{name: frame[name] * factor}).to_csv(index=False).encode()
-
-    return change
-
-
-FAULTS: Mapping[str, tuple[str, str, Callable[[bytes], bytes], int]] = {
+FAULTS = {
     "a payload's joint without a type": (
-        "check pan.yaml --payload block.urdf", "block.urdf", lambda x: x.replace(b'type="fixed"', b""), 2),
+        "check pan.yaml --payload block.urdf", "block.urdf", 2, (' type="fixed"', "")),
     "a payload's joint about no axis": (
-        "check pan.yaml --payload block.urdf", "block.urdf",
-        lambda x: x.replace(b'type="fixed">', b'type="continuous"><axis xyz="0 0 0"/>'), 2),
-    "a rig's YAML that names no file": (
-        "check pan.yaml", "pan.yaml", lambda x: x.replace(b"pan.urdf", b"a/b.urdf"), 2),
-    "a rig's YAML that names a file in escapes": (
-        "check pan.yaml", "pan.yaml", lambda x: x.replace(b"pan.urdf", rb'"\e[31mred"'), 2),
+        "check pan.yaml --payload block.urdf", "block.urdf", 2,
+        ('type="fixed">', 'type="continuous"><axis xyz="0 0 0"/>')),
+    "a rig's YAML that names no file": ("check pan.yaml", "pan.yaml", 2, ("pan.urdf", "a/b.urdf")),
     "a target of 200 characters": (
-        "identify pan.yaml mapped.csv --map map.yaml", "map.yaml", lambda x: x + b"q" * 200 + b": pos\n", 2),
-    "a mapping to a number of 200 characters": (
-        "identify pan.yaml mapped.csv --map map.yaml", "map.yaml", lambda x: x + b"q" * 200 + b": 1\n", 2),
-    "lags of two joints of one": (RUN + "--model model.yaml", "model.yaml", add_number("lags"), 2),
-    "noise of two joints of one": (RUN + "--model model.yaml", "model.yaml", add_number("noise"), 2),
-    "an angle that is next to nothing": (IDENTIFY.format("log.csv"), "log.csv", scale_column("q_pan", 1e-300), 3),
-    "a rate that is next to nothing": (
-        IDENTIFY.format("log.csv"), "log.csv", scale_column("dq_pan", 1e-318), 0),
-    "a second log too short to judge by": (
-        "identify pan.yaml log.csv platform.csv -o out.yaml", "platform.csv",
-        lambda x: b"".join(x.splitlines(keepends=True)[:40]), 3),
+        "identify pan.yaml mapped.csv --map map.yaml", "map.yaml", 2, ("t:", "q" * 200 + ": pos\nt:")),
+    "a mapping to a number": (
+        "identify pan.yaml mapped.csv --map map.yaml", "map.yaml", 2, ("pos*pi/180", "1")),
+    "lags of two joints of one": (RUN + "--model model.yaml", "model.yaml", 2, ("lags:", "lags:\n- 0.1")),
 }  # fmt: skip
-"""A fault → the call, the damaged file, what damages it, and the exit code."""
+"""A fault → the call, the damaged file, the exit code, and what stands in place of what."""
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_named_with_its_file(fault: str, valid: Files, check: Any) -> None:
-    line, name, damage, code = FAULTS[fault]
-    assert check(line, {name: damage(valid[name])}) == code
+    line, name, code, (old, new) = FAULTS[fault]
+    text = valid[name].decode()
+    assert old in text
+    assert check(line, {name: text.replace(old, new, 1).encode()}) == code
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from real_data.cases import CAMERA
 
 from gimbal_pin.log import Inspected, Log, inspect, log_columns, parse_expression, read_log
 from gimbal_pin.rig import Rig
 from tests.command_line import Run, refused, result
 from tests.log.planted import TURRET, agree, held, planted, write_csv
 from tests.log.writers import Columns, as_candump
+from tests.rigs import spelled
 
 T = np.arange(0, 10, 0.004)
 LOG = planted(T)
@@ -187,6 +189,19 @@ def test_moteus_on_a_fast_bus_are_the_rigs_joints(
     log = read_proposed(tmp_path / "bus.log")
     for name, unit in zip(("q", "v", "tau"), np.array(units) * [2 * pi, 2 * pi, 1.0]):
         np.testing.assert_allclose(getattr(log, name), getattr(LOG, name), atol=0.51 * unit + 1e-6)
+
+
+def test_simplefocs_monitor_is_read_by_its_rows(tmp_path: Path) -> None:
+    """No header, no times: what `motor.monitor()` prints of one joint behind its messages."""
+    q = LOG.q[:, 0]
+    none = np.zeros(len(T))
+    rows = np.column_stack([none, 3 * q, none, 1e3 * q, none, V[:, 0], q])
+    path = tmp_path / "serial.txt"
+    np.savetxt(path, rows, "%.4f", "\t", header="MOT: Monitor enabled!\nMOT: Init", comments="")
+    log = read_proposed(path, spelled(CAMERA))
+    np.testing.assert_allclose(log.t, T, atol=1e-12)
+    for read, true in ((log.q, q), (log.v, V[:, 0]), (log.tau, q)):
+        np.testing.assert_allclose(held(read)[:, 0], true, atol=1e-4)
 
 
 def test_gaps_repeats_and_times_that_go_back_are_counted(tmp_path: Path) -> None:

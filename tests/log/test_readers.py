@@ -27,7 +27,6 @@ from gimbal_pin.log import (
     Imu,
     Log,
     Motion,
-    inspect,
     io,
     log_columns,
     read_log,
@@ -180,8 +179,6 @@ def test_measured_joint_states_come_before_commanded_ones(tmp_path: Path) -> Non
     read = read_log(tmp_path / "bag", TURRET, mapping)
     agree(read, log)
     np.testing.assert_allclose(held(read.q_ref), swing(FEW + 0.1)[0], atol=1e-4)
-    found = inspect(tmp_path / "bag", TURRET).mapping
-    assert found["q_ref_tilt"][0] == mapping["q_ref_tilt"]
 
 
 def test_a_type_of_ones_own_is_read_by_the_bags_definition(tmp_path: Path) -> None:
@@ -272,29 +269,23 @@ def test_a_lerobot_data_set_is_one_log_with_pauses(
 
 
 def test_a_telemetry_log_of_mavlink_carries_the_platform(tmp_path: Path) -> None:
-    """The IMU in single precision, the gimbal's angles in radians; what is whole of a damaged one."""
+    """The gimbal's angles in radians, the IMU in single precision; what is whole of a damaged one."""
     columns = log_columns(planted(FEW, has_imu=True))
     path = tmp_path / "flight.tlog"
     as_tlog(columns, path)
-    named = {f"gyro_base_{axis}": f"HIGHRES_IMU.{axis}gyro" for axis in "xyz"}
-    named |= {f"accel_base_{axis}": f"HIGHRES_IMU.{axis}acc" for axis in "xyz"}
-    t, imu = io.read_imu(path, TURRET, "base", {"t": "HIGHRES_IMU.t", **named})
-    np.testing.assert_allclose(t, FEW, atol=1e-6)
-    np.testing.assert_allclose(held(imu.gyro)[:, 2], columns["gyro_base_z"], rtol=1e-6)
-    np.testing.assert_allclose(held(imu.accel)[:, 0], columns["accel_base_x"], rtol=1e-6)
     table = io.open_table(path)
-    names = ("MOUNT_ORIENTATION.t", "MOUNT_ORIENTATION.pitch")
-    times, pitch = table.read(names).values()
+    times, pitch = table.read(["MOUNT_ORIENTATION.t", "MOUNT_ORIENTATION.pitch"]).values()
     np.testing.assert_allclose(times, FEW[::2], atol=1e-3)
     np.testing.assert_allclose(pitch, -np.pi / 2, rtol=1e-6)
-    assert not any("damaged" in note for note in table.notes)
-    whole = path.read_bytes()
-    broken = bytearray(whole)
-    broken[whole.index(b"\xfd", len(whole) // 2) + 12] ^= 0x55
-    path.write_bytes(broken[:500] + b"\xfd\xfe\xfd" + broken[500:-5])
-    damaged = io.open_table(path)
-    assert len(damaged.read(["HIGHRES_IMU.t"])["HIGHRES_IMU.t"]) >= 57
-    assert any("damaged" in note for note in damaged.notes)
+    assert table.notes == []
+    content = bytearray(path.read_bytes())
+    content[content.index(b"\xfd", len(content) // 2) + 12] ^= 0x55
+    path.write_bytes(content[:500] + b"\xfd\xfe\xfd" + content[500:-5])
+    mapping = {f"gyro_base_{axis}": f"HIGHRES_IMU.{axis}gyro" for axis in "xyz"}
+    t, imu = io.read_imu(path, TURRET, "base", {"t": "HIGHRES_IMU.t", **mapping})
+    kept = np.isin(np.round(1e3 * FEW), np.round(1e3 * t))
+    assert 57 <= len(t) == kept.sum() < 60
+    np.testing.assert_allclose(held(imu.gyro)[:, 2], columns["gyro_base_z"][kept], rtol=1e-6)
 
 
 # --- Several files and several rates are one log ------------------------------------------------

@@ -86,7 +86,7 @@ def test_derivative_of_polynomials_is_exact(
 
 
 @given(SEED, st.integers(4, 40), COEFFICIENTS)
-def test_interpolation_is_exact_at_the_samples_and_on_parabolas(
+def test_interpolation_is_exact_at_the_samples_and_on_parabolas_and_held_beyond(
     seed: int, samples: int, coefficients: np.ndarray
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -94,6 +94,8 @@ def test_interpolation_is_exact_at_the_samples_and_on_parabolas(
     anything = rng.normal(size=(samples, 2))
     twice = resample(t, anything, np.repeat(t, 2))
     np.testing.assert_allclose(twice, np.repeat(anything, 2, axis=0), atol=1e-14)
+    beyond = resample(t, anything, t[[0, -1]] + [-1.0, 1.0])
+    np.testing.assert_allclose(beyond, anything[[0, -1]], atol=1e-14)
     for degree, (start, end) in ((1, t[[0, -1]]), (2, t[[1, -2]])):
         at = np.linspace(start, end, 60)
         polynomial = np.polynomial.Polynomial(coefficients[: degree + 1])

@@ -1,0 +1,100 @@
+"""The command tree: the options of every verb, nested ones too, and a value of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import is_dataclass, replace
+from inspect import Parameter, get_annotations, signature
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, get_args, get_origin
+
+from tyro.conf import Positional, UseAppendAction
+from tyro.constructors import PrimitiveConstructorSpec
+
+from gimbal_pin.cli import VERBS
+from gimbal_pin.cli.paths import Writes, label
+
+
+class Option(NamedTuple):
+    """One option.
+
+    Attributes:
+        parameter: The verb's parameter that holds it.
+        name: Its own name, another one where the parameter holds several.
+        kind: Its type.
+        marks: What annotates it.
+        default: Its default.
+    """
+
+    parameter: str
+    name: str
+    kind: Any
+    marks: tuple[Any, ...]
+    default: Any
+
+    @property
+    def called(self) -> str:
+        """What it is called on the command line."""
+        return label(self.name, self.marks)
+
+    @property
+    def is_required(self) -> bool:
+        """Whether the verb asks for it."""
+        return self.default is Parameter.empty
+
+    @property
+    def bounds(self) -> PrimitiveConstructorSpec[Any] | None:
+        """The bounds of a number."""
+        return next((x for x in self.marks if isinstance(x, PrimitiveConstructorSpec)), None)
+
+    @property
+    def writes(self) -> Writes | None:
+        """What it writes."""
+        return next((x for x in self.marks if isinstance(x, Writes)), None)
+
+    @property
+    def sample(self) -> Any:
+        """A value that is not the default, where it has several."""
+        kinds = {self.kind, *get_args(self.kind)}
+        if self.bounds:
+            number = int if int in kinds else float
+            return number(self.bounds.metavar.partition("..")[0])
+        if bool in kinds:
+            return not self.default
+        if choices := [x for kind in kinds if get_origin(kind) is Literal for x in get_args(kind)]:
+            return choices[-1]
+        if Path in kinds:
+            suffixes = self.writes.list_suffixes() if self.writes else ()
+            return Path(f"{self.name}{suffixes[0] if suffixes else ''}")
+        if tuple in map(get_origin, kinds):
+            is_repeated = any(mark in (Positional, UseAppendAction) for mark in self.marks)
+            return ("a", "b") if is_repeated else ("a",)
+        return "cinema" if self.name == "payload" else "turret"
+
+
+def list_options(verb: str) -> Iterator[Option]:
+    """Yield every option of a verb."""
+    hints = get_annotations(VERBS[verb], eval_str=True)
+    for name, parameter in signature(VERBS[verb]).parameters.items():
+        default = parameter.default
+        if is_dataclass(default):
+            for inner, hint in get_annotations(type(default), eval_str=True).items():
+                yield Option(name, inner, *_split(hint), getattr(default, inner))
+        else:
+            yield Option(name, name, *_split(hints[name]), default)
+
+
+def _split(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Return type and annotations."""
+    marks = getattr(hint, "__metadata__", ())
+    return (get_args(hint)[0], marks) if marks else (hint, ())
+
+
+def fill(verb: str, option: Option) -> dict[str, Any]:
+    """Return arguments of a verb: what it asks for, and a value of one option."""
+    given = {one.parameter: one.sample for one in list_options(verb) if one.is_required}
+    value = option.sample
+    if option.name != option.parameter:
+        default = signature(VERBS[verb]).parameters[option.parameter].default
+        value = replace(default, **{option.name: value})
+    return {**given, option.parameter: value}
