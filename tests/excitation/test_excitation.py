@@ -33,10 +33,10 @@ from gimbal_pin.excitation import (
     find_crest,
     list_shown_effects,
 )
-from gimbal_pin.log import Array, Log, Motion
+from gimbal_pin.log import Array, Log, Motion, read_motion
 from gimbal_pin.regression import Filtering, compute_settling_time
 from gimbal_pin.rig import Limits, Rig
-from tests.command_line import Run, refused
+from tests.command_line import Run, refused, result
 from tests.excitation.designs import (
     RIGS,
     SLIDER,
@@ -181,6 +181,17 @@ def test_a_slide_is_moved_within_its_limits_and_a_joint_without_any_by_half_a_tu
     assert all(used["dq"] > 0.2 and used["ddq"] == 0 for used in turned.limits_used.values())
 
 
+def test_two_rods_reach_as_far_as_they_are_long() -> None:
+    rod = (
+        '<link name="{1}"><inertial><origin xyz="0 0 0.3"/><mass value="2"/><inertia ixx="0.06" iyy="0.06" izz="0" '
+        'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="to_{1}" type="continuous"><parent link="{0}"/>'
+        '<child link="{1}"/><origin xyz="0 0 {2}"/><axis xyz="0 1 0"/></joint>'
+    )
+    ends = rod.format("base", "a", 1) + rod.format("a", "b", 0.6)
+    rig = spelled(f'<robot name="rods"><link name="base"/>{ends}</robot>')
+    np.testing.assert_allclose(compute_joint_reach(rig), [1.2, 0.6], rtol=1e-3)
+
+
 @pytest.mark.parametrize("stated", [inf, 5e4])
 def test_limits_that_nobody_states_are_assumed_and_said(stated: float) -> None:
     """No point then moves faster than people may stand beside; what is assumed is assumed once."""
@@ -198,21 +209,17 @@ def test_limits_that_nobody_states_are_assumed_and_said(stated: float) -> None:
     assert not designed("turret", 0).assumed
 
 
-@pytest.mark.parametrize("effort", [None, 2.0])
-@pytest.mark.parametrize("name", ["thesis", "turret"])
+@pytest.mark.parametrize("changes", [{}, {"effort": 2.0, "acceleration": inf, "velocity": 50.0}])
 def test_a_first_motion_is_the_same_at_a_tenth_and_pushes_with_a_tenth(
-    name: str, effort: float | None
+    changes: dict[str, float],
 ) -> None:
-    """Where the torque alone bounds a motion, gravity helps it to push with over one limit."""
-    rig = bundled(name)
-    if effort is not None:
-        rig = moved(rig, effort=effort, acceleration=inf, velocity=50.0)
+    """Where the torque alone bounds a motion, gravity helps it to push with over one limit: it takes longer."""
+    rig = moved(bundled("thesis"), **changes)
     full, first = (excite(rig, starts=1, rng=1, first=first) for first in (False, True))
     swing = np.ptp(first.motion.q, axis=0) / np.ptp(full.motion.q, axis=0)
     np.testing.assert_allclose(swing, 0.1, rtol=1e-3)
     np.testing.assert_allclose(first.coefficients[0], full.coefficients[0])
-    assert first.seconds >= full.seconds
-    assert first.seconds > full.seconds or effort is None or name == "turret"
+    assert (first.seconds > full.seconds) == bool(changes)
     motion = first.motion
     push = compute_rnea(rig, motion.q, motion.v, motion.a) - compute_gravity(rig, motion.q)
     assert (np.abs(push).max(axis=0) <= 0.1 * rig.tau_max).all()
@@ -248,12 +255,24 @@ def test_a_slide_without_limits_and_a_cause_that_no_motion_shows_are_named(tmp_p
         excite(replace(crane(tmp_path), limits=(Limits(), Limits())), rng=0)
     with pytest.raises(UsageError, match="'simulate --effect' plants it"):
         list_shown_effects(nominal(bundled("turret")), ["delay:pan:time=0.01"])
+    shown = list_shown_effects(nominal(bundled("turret")), ["stribeck:pan:speed=0.1,extra=1"])
+    assert shown == [Stribeck("pan", 0.1)]
 
 
 @pytest.mark.parametrize("limit", ["pan.velocity", "pan=2", "pan.speed=2", "roll.velocity=2"])
 def test_a_limit_that_is_none_is_named(run: Run, tmp_path: Path, limit: str) -> None:
     said = run("excite", "turret", "-o", tmp_path / "out.csv", "--limit", limit)
     refused(said, 2, f"--limit {limit}")
+
+
+def test_a_file_holds_five_periods_alike(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    found = result(run, "excite", "turret", "-o", path, "--starts", 1, "--rate", 100)
+    q = read_motion(path, bundled("turret")).q
+    rows = round(100 * found["period"])
+    assert (found["periods"], len(q), found["assumed"]) == (5, 5 * rows + 1, [])
+    for k in range(1, 5):
+        np.testing.assert_allclose(q[k * rows : (k + 1) * rows], q[:rows], atol=1e-9)
 
 
 def test_a_longer_motion_repeats_a_shorter_one_and_is_never_worse() -> None:

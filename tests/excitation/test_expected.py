@@ -78,12 +78,12 @@ def test_what_a_model_misses_is_in_the_predicted_deviations() -> None:
     size = 0.03 * np.sqrt(np.mean(tau**2, axis=0) / 3)
     errors = []
     for _ in range(12):
-        ripple = np.sin(14 * motion.q + rng.uniform(0, 6))
-        spring = np.tanh(3 * (motion.q - motion.q.mean(axis=0)))
-        stiction = np.sign(motion.v) * np.exp(-((motion.v / 0.2) ** 2))
-        missed = np.zeros_like(tau)
-        for part in (ripple, spring, stiction):
-            missed += size * rng.choice([-1, 1], 2) * part / np.std(part, axis=0)
+        parts = (
+            np.sin(14 * motion.q + rng.uniform(0, 6)),
+            np.tanh(3 * (motion.q - motion.q.mean(axis=0))),
+            np.sign(motion.v) * np.exp(-((motion.v / 0.2) ** 2)),
+        )
+        missed = sum(size * rng.choice([-1, 1], 2) * part / np.std(part, axis=0) for part in parts)
         each = record(motion, rng, missed)
         errors.append((each.estimate.theta - found.values) / found.std)
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 2

@@ -244,20 +244,6 @@ def test_a_yaml_overlays_a_rig_and_keeps_the_rest(tmp_path: Path) -> None:
     assert bundled("thesis").payload == "cinema"
 
 
-def test_paths_in_a_yaml_are_relative_to_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "rigs"
-    folder.mkdir()
-    write(folder, TWO, "body.urdf")
-    write(folder, f'<robot name="p">{LINK.format("load")}</robot>', "load.urdf")
-    write(folder, "urdf: body.urdf\nmount: head\npayload: load.urdf", "mine.yaml")
-    monkeypatch.chdir(tmp_path)
-    rig = Rig.load("rigs/mine.yaml")
-    assert (rig.payload, rig.payload_link) == ("load", "load")
-    assert rig.model.inertias[2].mass == pytest.approx(2.0)
-
-
 @pytest.mark.parametrize("far", [10.0, 1e16, inf])
 def test_numbers_in_a_yaml_arrive_as_written_and_a_limit_beyond_all_is_none(
     tmp_path: Path, far: float
@@ -366,13 +352,6 @@ def test_the_nearest_inertia_is_some_bodys_and_none_is_nearer(entries: list[floa
     if most > 0.1:
         for root in np.random.default_rng(0).normal(size=(20, 3, 3)):
             assert np.sum((nearest - moments) * (root @ root.T - nearest)) > -1e-4
-
-
-def test_the_root_world_need_not_be_declared(tmp_path: Path) -> None:
-    weld = '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>'
-    rig = Rig.load(write(tmp_path, in_two("</robot>", f"{weld}</robot>")))
-    assert rig.base == "world"
-    np.testing.assert_array_equal(rig.phi, Rig.load(write(tmp_path, TWO, "plain.urdf")).phi)
 
 
 MIMIC = '<mimic joint="yaw" multiplier="2" offset="0.3"/>'
