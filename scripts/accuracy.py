@@ -11,16 +11,22 @@ import os
 import sys
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from unittest.mock import patch
 
 import numpy as np
 import tyro
 from tqdm import tqdm
 
-from gimbal_pin.identification import identify
+from gimbal_pin.control import repeated, tune
+from gimbal_pin.dynamics import Model, Plant, Sensors, State, nominal, simulate
+from gimbal_pin.excitation import excite
+from gimbal_pin.identification import Identified, identify
+from gimbal_pin.log import Array, Log, Motion
+from gimbal_pin.regression import Filtering, Samples, Segment
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
 from gimbal_pin.rig.rig import Rig
-from tests.bench_logs import closed_loop, oracle, true_theta
+from tests.bench_logs import true_theta
 
 
 @dataclass(frozen=True)
@@ -30,6 +36,58 @@ class Score:
     ratio: float
     z: tuple[float, ...]
     sharp: float
+
+
+def truth(plant: Model, log: Log, tau: Array) -> Motion:
+    """The plant's state in the middle of every held torque, replayed from the torques that acted."""
+    system = Plant(plant)
+    half = log.dt / 2
+    state = State(np.array(log.q_ref[0]), np.zeros(plant.rig.n))  # type: ignore[index]
+    q, v, a = (np.empty((len(log), plant.rig.n)) for _ in range(3))
+    for k, t in enumerate(log.t.tolist()):
+        state = system.step(t, state, tau[k], half)
+        q[k], v[k] = state.q, state.v
+        a[k] = system.acceleration(t, state, tau[k])
+        state = system.step(t, state, tau[k], half)
+    return Motion(log.t, q, v, a)
+
+
+def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
+    """The same fit with the true, noise-free q, v and a; a joint is at standstill only where it truly is."""
+    true = truth(nominal(rig), log, tau)
+    measured = np.asarray(log.tau)
+
+    def channels(
+        stretch: Segment, _: Filtering, first: int, last: int, carrier: str | None
+    ) -> Samples:
+        assert carrier is None
+        begin = round((stretch.start - log.t[0]) / log.dt) + first
+        part = slice(begin, begin + last - first)
+        t, q, v, a, tau = (x[part] for x in (true.t, true.q, true.v, true.a, measured))
+        return Samples(t, q, v, a, tau, v, np.zeros(rig.n))
+
+    with (
+        patch("gimbal_pin.regression.design.smooth_samples", channels),
+        patch(
+            "gimbal_pin.regression.design.find_standstill",
+            lambda channels, _: np.abs(channels.v) < 1e-12,
+        ),
+    ):
+        return identify(rig, [log])
+
+
+def closed_loop(
+    rig: Rig, seed: int, seconds: float, torque_noise: float = 0.01, bits: float = 16
+) -> tuple[Log, Array]:
+    """A simulated excitation under computed torque, and the torque that acted without the sensor's noise."""
+    rng = np.random.default_rng(seed)
+    plant = nominal(rig)
+    reference = repeated(excite(rig, starts=1, rng=rng).motion, seconds, 1e-3)
+    sensors = replace(Sensors.of(rig, 1e-3), encoder_step=np.full(rig.n, 2 * np.pi / 2**bits))
+    log = simulate(plant, tune(plant).controller, reference, rng=rng, sensors=sensors)
+    tau = np.array(log.tau)
+    noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
+    return replace(log, tau=tau + noise), tau
 
 
 def score(name: str, payload: str, seed: int, seconds: float) -> tuple[str, str, Score]:
