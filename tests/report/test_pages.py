@@ -35,13 +35,14 @@ from gimbal_pin.report import (
     describe_record,
     evaluate,
     figures,
+    show_rig,
     summary,
     verdict,
 )
 from gimbal_pin.report.format import interval, percent
 from gimbal_pin.report.sections.diagnosis import find_worst_stretch
 from gimbal_pin.rig import to_sliding
-from tests.browsing import embedded
+from tests.browsing import embedded, unpacked
 from tests.report.records import (
     EVIL,
     RECORDS,
@@ -56,6 +57,7 @@ from tests.report.records import (
     tuned,
     whole,
 )
+from tests.rigs import bundled
 
 SCALES = {
     ("turret", "place"): 180 / np.pi,
@@ -393,6 +395,41 @@ def test_the_rows_shown_are_the_rows_judged() -> None:
     apart = (measured - shown.stacked("predicted") - error)[share > 0.999]
     assert len(apart) > 0.3 * share.size
     assert np.abs(apart).max() < 3e-3 * np.abs(measured).max()
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_a_log_is_shown_with_its_extremes(name: str) -> None:
+    log = log_of(name)
+    rows = read_rows(page_of(name, "Identified"))
+    tau = np.asarray(log.tau)
+    ends = np.array([log.q.min(axis=0), log.q.max(axis=0), np.abs(log.v).max(axis=0)])
+    torques = [np.sqrt(np.mean(tau**2, axis=0)), np.abs(tau).max(axis=0)]
+    for j, joint in enumerate(log.joints):
+        shown = [*SCALES[name, "place"] * ends[:, j], *(x[j] for x in torques)]
+        assert {normalised(figures(x)) for x in shown} <= {*rows[key(joint)]}
+
+
+def test_masses_are_those_of_the_rig_and_of_the_payload_as_weighed() -> None:
+    rig = bundled("thesis", "cinema")
+    masses = np.array([body.mass for body in rig.model.inertias[1:]])
+    payload = masses.sum() - sum(x.mass for x in bundled("thesis", "none").model.inertias[1:])
+    plain, weighed = (f"<div>{show_rig(rig, own).html}</div>" for own in (None, 0.5))
+    said = tokens(words_of(lxml.html.fromstring(weighed)))
+    assert {figures(masses.sum() - payload + 0.5), figures(payload), "0.500"} <= {*said}
+    rows = read_rows(f"<html><body>{plain}</body></html>")
+    assert {figures(payload), figures(masses.sum())} <= {*rows[""]}
+    for j, joint in enumerate(rig.joints):  # each carries the next
+        assert figures(masses[j:].sum()) in rows[key(joint)]
+
+
+def test_charts_of_steps_hold_positions_and_what_is_left_to_the_reference() -> None:
+    found = record_of("turret", "Tracking")
+    (tables,) = unpacked(page_of("turret", "Tracking"))
+    for j in range(2):
+        place, error = (tables[k][1:] for k in (j, 2 + j))
+        np.testing.assert_allclose(error, place[-1] - place[:-1], atol=1e-5)
+        for one, curve in zip(found.experiments[::-1], place):
+            assert curve.max() == pytest.approx(np.degrees(one.q[:, j]).max(), rel=1e-6)
 
 
 def test_a_model_is_saved_with_its_covariance(tmp_path: Path) -> None:
