@@ -158,18 +158,17 @@ def swing(shaken: float, inertia: float = INERTIA) -> Log:
     rng = np.random.default_rng(0)
     t = np.arange(0.0, 30.0, 0.004)
     slow, fast = (2 * np.pi * rng.uniform(*band, 12) for band in ((0.1, 1.0), (4.0, 12.0)))
-    phase = rng.uniform(0.0, 2 * np.pi, (2, 12))
-    q, v, a = (
-        np.sum(0.2 * slow**k * np.sin(np.outer(t, slow) + phase[0] + k * np.pi / 2), axis=1)
-        for k in range(3)
-    )
-    dq, dv = (
-        shaken * np.sum(fast**k * np.sin(np.outer(t, fast) + phase[1] + k * np.pi / 2), axis=1)
-        for k in range(2)
-    )
-    tau = inertia * a + WEIGHT * np.sin(q) + 0.05 * v + 0.1 * np.tanh(v / 0.01) - 0.5 * dv
-    tau = tau + 0.01 * rng.standard_normal(len(t))
-    return Log("swing", ("swing",), t, (q + dq)[:, None], tau=tau[:, None])
+
+    def waves(w: Array, order: int) -> Array:
+        """A derivative of a sum of sines."""
+        angle = np.outer(t, w) + np.arange(12) + order * np.pi / 2
+        return np.asarray(np.sin(angle) @ w**order)
+
+    q, v, a = (0.2 * waves(slow, k) for k in range(3))
+    tau = inertia * a + WEIGHT * np.sin(q) + 0.05 * v + 0.1 * np.tanh(v / 0.01)
+    tau += 0.01 * rng.standard_normal(len(t)) - 0.5 * shaken * waves(fast, 1)
+    read = q + shaken * waves(fast, 0)
+    return Log("swing", ("swing",), t, read[:, None], tau=tau[:, None])
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,6 @@ def test_no_cause_is_tried_or_moved_beyond_its_bounds(
     [
         (Presliding.tried("tilt", SEEN), "stroke", 4e-4, 0.5, 4.2),
         (Delay.tried("tilt", SEEN), "time", 5e-4, 0.02, 2.2),
-        (CAUSES["actuator-lag"].tried("tilt", SEEN), "time_constant", 5e-4, 0.02, 2.2),
         (Saturation.tried("tilt", SEEN._replace(peak=40.0)), "limit", 0.2, 38.0, 1.8),
         (Stribeck.tried("tilt", SEEN), "speed", 0.01, 0.5, 2.2),
     ],
