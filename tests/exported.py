@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from gimbal_pin.control import Ahead, Aim, BaseState, LawMemory, StoredController, stored, tune
 from gimbal_pin.control.laws.carried import CarriedMemory
@@ -94,8 +94,8 @@ class CompiledPointer:
         """
         code = self.library.code
         state = ctypes.create_string_buffer(code.gimbal_holding_size())
-        known = [quaternion(R) for R in (camera, base, self.navigator.wanted)]
-        arrays = [sampled(seen), single(*known, np.array([eased]))]
+        turns = Rotation.from_matrix([camera, base, self.navigator.wanted])
+        arrays = [sampled(seen), single(turns.as_quat(scalar_first=True), np.array([eased]))]
         code.gimbal_holding_start(self.library.parameters, state, *map(at, arrays))
         return CompiledMemory(state.raw)
 
@@ -112,14 +112,8 @@ def sampled(seen: Measurement) -> np.ndarray:
     """Return ``struct gimbal_sensors``: a stamp in microseconds, which wraps around, and single-precision readings."""
     links = seen.links if len(seen.links) else np.zeros(3)
     out = single(np.zeros(1), seen.q, seen.gyro, seen.w, seen.f, links)
-    out[:1].view(np.uint32)[0] = round(1e6 * seen.t) % 2**32 if np.isfinite(seen.t) else 0
+    out[:1].view(np.uint32)[0] = round(1e6 * seen.t) % 2**32
     return out
-
-
-def quaternion(R: Array) -> Array:
-    """Quaternion (w, x, y, z) of a rotation matrix."""
-    x, y, z, w = pin.Quaternion(np.asarray(R)).coeffs()
-    return np.array([w, x, y, z])
 
 
 class Twin(NamedTuple):
@@ -220,12 +214,9 @@ def tracking_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
 def holding_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
     """Compare the torques that hold the camera on a base that moves."""
     q, v, near, integral = draw_aim(tested.library.n, rng)
-    bases = [
-        BaseState(*floats(rng.normal([[0, 0, 9.81], [0] * 3, [0] * 3], [[1], [0.5], [5]])))
-        for _ in tested.pointer.navigator.forecast.leads
-    ]
     ahead = tuple(
-        Ahead(floats(q + 1e-3), floats(rng.normal(0, 1, len(q))), near.a, base) for base in bases
+        Ahead(floats(q + 1e-3), v, near.a, BaseState(*floats(rng.normal(0, 5, (3, 3)))))
+        for _ in tested.pointer.navigator.forecast.leads
     )
     aim = Aim(near.q, near.v, near.a, ahead)
     owed = floats(0.01 * rng.normal(size=len(q)))

@@ -8,7 +8,6 @@ import subprocess
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
 import pytest
 import yaml
 from lxml import etree
@@ -16,9 +15,7 @@ from lxml import etree
 from gimbal_pin.control import tune
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import RigError
-from gimbal_pin.log import read_log, write_log
 from gimbal_pin.rig import Rig
-from tests.bench_logs import prescribed
 from tests.command_line import Run, result
 from tests.exported import has
 from tests.rigs import BODY, bundled
@@ -81,15 +78,6 @@ def test_no_part_of_a_name_is_code_in_what_export_writes(run: Run, tmp_path: Pat
         for file, place in (("ros2/gimbal.urdf", "ros2_control/joint"), ("m.xml", ".//body/joint"))
     ]
     assert joints == [list(NAMES[:2])] * 2 == [list(axes)] * 2
-
-
-def test_logs_keep_a_name(tmp_path: Path) -> None:
-    rig = load_renamed(tmp_path)
-    log = prescribed(nominal(rig), seconds=1.0)
-    write_log(log, tmp_path / "log.csv")
-    again = read_log(tmp_path / "log.csv", rig)
-    assert again.joints == NAMES[:2]
-    np.testing.assert_array_equal(again.tau, log.tau)
 
 
 @pytest.mark.parametrize("name", ["a\nb", "a\tb", "a\x9bb", "a\u202eb", " a", "a ", "a" * 65])

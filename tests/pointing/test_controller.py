@@ -204,7 +204,7 @@ def test_from_anywhere_the_camera_turns_to_where_it_shall_look(name: str) -> Non
     assert (np.abs(rates) < fastest).all()
     assert (np.abs(torques) > 0.999 * rig.tau_max).mean() < 0.01
     late = round((0.6 + np.max(np.abs(way) / fastest)) / DT)
-    assert np.degrees(np.abs(angles[late:] - controller.recipe.looking)).max() < 0.02
+    assert np.abs(angles[late:] - controller.recipe.looking).max() < 3e-4
 
 
 @pytest.mark.parametrize(

@@ -115,11 +115,11 @@ def test_gravity_says_where_up_is(roll: float, pitch: float) -> None:
     np.testing.assert_array_equal(leveled(np.full(3, np.nan)), np.eye(3))
 
 
-@pytest.mark.parametrize(("sure", "seed"), [(True, 0), (False, 0), (False, 1)])
-def test_a_world_that_moves_is_leveled(sure: bool, seed: int) -> None:
+@pytest.mark.parametrize("sure", [True, False])
+def test_a_world_that_moves_is_leveled(sure: bool) -> None:
     """Sines of 1 m/s² at 0.2 to 2 Hz on top of gravity: one that is sure stays as it is, another becomes level."""
     level = Level(0.01)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     tilt = np.eye(3) if sure else attitude(0.0, 0.4, -0.3)
     phases = 2 * pi * np.outer(0.01 * np.arange(6000), np.geomspace(0.2, 2, 20))
     pushes = np.cos(phases + 2 * pi * rng.random(20)) @ rng.standard_normal((20, 3)) / np.sqrt(10)

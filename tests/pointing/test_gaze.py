@@ -10,10 +10,9 @@ import pinocchio as pin
 
 from gimbal_pin.control import EqualMarginLoop
 from gimbal_pin.log import Array
-from gimbal_pin.pointing import WANTED, Pointing, Row, Sight, Verified
+from gimbal_pin.pointing import WANTED, Pointing, Row, Verified
 from gimbal_pin.report import Document, outlook, show_camera
 from gimbal_pin.report.view import gaze
-from gimbal_pin.report.view.motion import poses
 from tests.browsing import needs_browser, visit, wide
 from tests.rigs import bundled
 
@@ -54,15 +53,6 @@ def test_the_outlook_is_the_runs_own() -> None:
     for turned, quat in zip(seen.bolted.turned[::20], run.base[rows][::20]):
         turn = pin.Quaternion(*quat.tolist()).matrix()
         np.testing.assert_allclose(WANTED @ pin.exp3(turned), turn @ WANTED, atol=1e-12)
-
-
-def test_the_platform_turns_about_the_point_where_its_axes_meet() -> None:
-    run = verified().rows[1].runs[0]
-    pivot = Sight(bundled("thesis")).centre
-    shown = poses(bundled("thesis").model, run.q[::200], run.base[::200][:, [1, 2, 3, 0]], pivot)
-    assert np.ptp(shown.world[:, 0, :3, 3], axis=0).max() > 0.01
-    for pose in shown.world[:, 0]:
-        np.testing.assert_allclose(pose[:3, :3] @ pivot + pose[:3, 3], pivot, atol=1e-12)
 
 
 PLACES = """(() => { const page = document.querySelector('iframe').contentWindow, out = [];

@@ -37,18 +37,15 @@ def test_a_wrong_reading_costs_no_right_one(channel: str, times: float, seed: in
 
 
 @pytest.mark.parametrize("steep", [False, True])
-@pytest.mark.parametrize("stuck", [1, 3])
-def test_near_a_singular_pose_gyros_tell_that_joints_move_and_not_which(
-    stuck: int, steep: bool
-) -> None:
-    """There one joint may stand though the damped inverse moves it; encoders that all stand while it moves failed."""
+def test_near_a_singular_pose_gyros_tell_that_joints_move_and_not_which(steep: bool) -> None:
+    """There one joint may stand though the damped inverse moves it."""
     guard = Guard(DT, noisy=False)
     first = Measurement(0.0, *np.zeros((5, 3)))
     watch = guard.start(first)
     for k in range(1, 4):
-        q = np.where(np.arange(3) < stuck, 0.0, 5.0 * k * DT)
-        _, watch = guard.step(first._replace(t=k * DT, q=q), watch, np.full(3, 5.0), steep)
-    assert any("encoders failed" in event for event in watch.events) == (stuck == 3 or not steep)
+        seen = first._replace(t=k * DT, q=np.array([0.0, 5.0, 5.0]) * k * DT)
+        _, watch = guard.step(seen, watch, np.full(3, 5.0), steep)
+    assert any("encoders failed" in event for event in watch.events) != steep
 
 
 @pytest.mark.parametrize(
