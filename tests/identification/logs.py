@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gimbal_pin.dynamics import Model, nominal
@@ -13,6 +15,16 @@ from tests.bench_logs import fourier, prescribed
 def record(rig: Rig, seed: int, seconds: float = 14.0) -> Log:
     """Return a log with torque noise of 2 %."""
     return prescribed(nominal(rig), seed, seconds, torque_noise=0.02, dt=4e-3)
+
+
+def hold(rig: Rig, log: Log, *joints: int, noisy: bool = True) -> Log:
+    """Return the log of the same motion with some joints at rest and noise of the sensors."""
+    moves = ~np.isin(np.arange(rig.n), joints)
+    v = np.asarray(log.v) * moves
+    tau = nominal(rig).inverse(log.q * moves, v, np.gradient(v, log.t, axis=0))
+    noise = noisy * np.random.default_rng(7).standard_normal((3, *v.shape))
+    q = log.q * moves + 1e-5 * noise[0]
+    return replace(log, q=q, v=v + 1e-4 * noise[1], tau=tau + 1e-3 * noise[2])
 
 
 def list_times(seconds: float) -> Array:

@@ -101,3 +101,12 @@ def test_log_counts_once_whatever_its_name(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"copy.*twice"):
         identify_new(RIG, [copy], known, filtering=EXACT)
     identify_new(RIG, [other], known, filtering=EXACT)
+
+
+def test_difference_that_moves_no_torque_is_no_drift() -> None:
+    """Friction a thousandth greater is significant without noise, and immaterial."""
+    rigs = [RIG, RIG, rub([[1.0, 1.0], [1.001, 1.001]])]
+    logs = [prescribed(nominal(rig), k, 10.0, 1e-5, 4e-3) for k, rig in enumerate(rigs)]
+    found = compare(logs)
+    assert min(one.p_value for one in found.parameters) < CHANCE / len(found.parameters)
+    assert not found.drifting

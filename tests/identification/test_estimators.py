@@ -74,6 +74,7 @@ def test_bias_is_found_where_the_angles_are_noisy() -> None:
     skipped = check_bias(QUIET, "noisy")
     assert skipped is not None and skipped.test is None
     assert check_bias(QUIET, "never") is None
+    assert not replace(noisy, noise=noisy.noise / 10).by_noise
 
 
 def test_trust_leads_from_the_data_to_the_urdf() -> None:

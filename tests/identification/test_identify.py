@@ -20,6 +20,7 @@ from gimbal_pin.log import Log
 from gimbal_pin.regression import subsample_log
 from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, prescribed, true_theta
+from tests.identification.logs import hold
 from tests.rigs import bundled, chain
 
 TURRET = bundled("turret")
@@ -87,20 +88,11 @@ def test_simulated_sensors_leave_the_errors_within_their_deviations() -> None:
     assert min(found.held_out.fit_percent.values()) > 95
 
 
-def hold(log: Log, joint: int) -> Log:
-    """Return the log of the same motion with one joint at rest."""
-    moves = np.arange(len(log.joints)) != joint
-    q = log.q * moves
-    v = np.asarray(log.v) * moves
-    a = np.gradient(v, log.t, axis=0)
-    return replace(log, q=q, v=v, tau=nominal(TURRET).inverse(q, v, a))
-
-
 DRONE = bundled("drone")
 LOUD = prescribed(nominal(DRONE), 1, 6.0, dt=4e-3)
 SHAKEN = 0.05 * np.random.default_rng(0).standard_normal(CLEAN.q.shape)
 REFUSED: dict[str, tuple[Rig, Log, type[GimbalPinError], str]] = {
-    "joint at rest": (TURRET, hold(NOISY, 1), DataError, "tilt"),
+    "joint at rest": (TURRET, hold(TURRET, NOISY, 1), DataError, "tilt"),
     "two samples": (TURRET, CLEAN.part(slice(0, 2)), DataError, "more"),
     "third of a second": (TURRET, CLEAN.part(slice(0, 300)), DataError, "more"),
     "no torque": (TURRET, replace(CLEAN, tau=None), UsageError, "tau_<joint>"),

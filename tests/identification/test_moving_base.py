@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from gimbal_pin.control import perturbed
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import (
+    add_imu_noise,
     compute_imu_readings,
     nominal,
 )
@@ -72,6 +73,16 @@ def test_imu_reads_how_its_link_turns_and_falls(name: str) -> None:
         np.testing.assert_allclose(imu.accel[1], force, atol=1e-5)
 
 
+def test_noise_of_an_imu_has_its_density() -> None:
+    still = Platform.still(list_times(20.0))
+    noise = RIG.config.noise
+    found = add_imu_noise(Imu(still.w, still.f), noise, 1e-3, np.random.default_rng(0))
+    assert found.gyro is not None and found.accel is not None
+    sizes = [(found.gyro - still.w).std(), (found.accel - still.f).std()]
+    expected = np.array([noise.gyro, noise.accelerometer]) * np.sqrt(500)
+    np.testing.assert_allclose(sizes, expected, rtol=0.02)
+
+
 # --- Identification ------------------------------------------------------------------------------------
 
 
@@ -112,6 +123,17 @@ def test_parameters_that_a_base_shows_are_found(platform: Platform | None, motio
     b = len(expected)
     np.testing.assert_allclose(exact.estimate.theta[:b], expected, atol=1e-3 * scale)
     assert np.abs((noisy.estimate.theta[:b] - expected) / noisy.estimate.std[:b]).max() < 4
+
+
+def test_base_that_hardly_turns_keeps_what_it_hides_as_given() -> None:
+    t = list_times(10.0)
+    w = 0.04 * np.sin(5 * t)[:, None] * [1.0, 0.0, 0.0]
+    log = carry(nominal(RIG), replace(Platform.still(t), w=w), 10.0)
+    tau = np.asarray(log.tau)
+    noise = 0.3 * np.std(tau) * np.random.default_rng(0).standard_normal(tau.shape)
+    found = identify(RIG, [replace(log, tau=tau + noise)], filtering=EXACT, holdout="none")
+    assert greatest_base_motion(RIG, [log]) == "rotating"
+    assert found.reduction.base != "rotating"
 
 
 # --- Diagnosis -------------------------------------------------------------------------------------------

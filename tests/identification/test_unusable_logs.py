@@ -12,15 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.identification import Online, identify, identify_new, identify_several
-from gimbal_pin.log import Array, Log, log_columns, write_log
+from gimbal_pin.log import Log, log_columns, write_log
 from gimbal_pin.log.io.csv import write_csv
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig
 from tests.command_line import Run, refused, result
-from tests.identification.logs import record
+from tests.identification.logs import hold, record
 from tests.rigs import bundled
 
 DT = 4e-3
@@ -33,32 +32,18 @@ DRONE = bundled("drone")
 LOG = record(TURRET, 1)
 
 
-def draw_noise(like: Array, size: float) -> Array:
-    """Return white noise of an array's shape."""
-    return size * np.random.default_rng(7).standard_normal(like.shape)
-
-
-def hold(log: Log, joints: slice) -> Log:
-    """Return the log with some joints at rest and the noise of their sensors."""
-    q = np.array(log.q)
-    v = np.array(log.v)
-    q[:, joints] = q[0, joints]
-    v[:, joints] = 0.0
-    return replace(log, q=q + draw_noise(q, 1e-5), v=v + draw_noise(v, 1e-4))
-
-
 def delay(log: Log, by: float) -> Log:
     """Return the log whose torque's columns come later than the others, s."""
     tau = [np.interp(log.t - by, log.t, x) for x in np.transpose(log.tau)]
     return replace(log, tau=np.stack(tau, axis=1))
 
 
-NOISE = replace(LOG, q=draw_noise(LOG.q, 0.5), v=draw_noise(LOG.q, 1.0), tau=draw_noise(LOG.q, 1.0))
+WHITE = np.random.default_rng(7).standard_normal(LOG.q.shape)
 KINDS: dict[str, tuple[Log, ...]] = {
     "one second": (record(TURRET, 1, 1.0),),
-    "one joint moves": (hold(LOG, slice(1, None)),),
-    "noise everywhere": (NOISE,),
-    "a second log that never moved": (LOG, hold(record(TURRET, 2), slice(None))),
+    "one joint moves": (hold(TURRET, LOG, 1),),
+    "noise everywhere": (replace(LOG, q=0.5 * WHITE, v=WHITE, tau=WHITE),),
+    "a second log that never moved": (LOG, hold(TURRET, record(TURRET, 2), 0, 1)),
     "two payloads": tuple(record(bundled("turret", one), k) for k, one in enumerate(PAYLOADS)),
 }
 
@@ -228,13 +213,9 @@ def test_milliseconds_are_refused_whatever_the_cutoff(
 
 def test_joint_that_its_reference_holds_still_is_not_excited(run: Run, tmp_path: Path) -> None:
     """The others are answered for; a joint that was asked to move and did not is refused."""
-    log = hold(LOG, slice(1, None))
-    q = log.q * [1, 0] + log.q[0] * [0, 1]
-    v = np.asarray(log.v) * [1, 0]
-    tau = nominal(TURRET).inverse(q, v, np.gradient(v, log.t, axis=0))
-    still = replace(log, tau=tau + draw_noise(tau, 1e-3))
+    still = hold(TURRET, LOG, 1, noisy=False)
     path = tmp_path / "x.csv"
-    write_log(replace(still, q_ref=q), path)
+    write_log(replace(still, q_ref=LOG.q * [1, 0]), path)
     found = result(run, "identify", "turret", path, "--alignment=0")
     assert list(found["train"]["fit_percent"]) == ["pan"]
     write_log(replace(still, q_ref=LOG.q), path)
