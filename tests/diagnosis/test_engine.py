@@ -119,12 +119,15 @@ def search(train: Evidence) -> Explained:
     return explain(train, reduce_parameters(RIG), few("cogging"), timed=False)
 
 
-def test_a_cause_that_unseen_data_deny_is_left_out_and_what_it_explained_is_unknown() -> None:
-    found = search(teeth(0.05, 0))
-    kept = confirm_causes(found, teeth(0.05, 1))
+@pytest.mark.parametrize("amplitude", [0.004, 0.05])
+def test_a_cause_that_unseen_data_deny_is_left_out_and_what_it_explained_is_unknown(
+    amplitude: float,
+) -> None:
+    found = search(teeth(amplitude, 0))
+    kept = confirm_causes(found, teeth(amplitude, 1))
     assert kept.found is found and not kept.denied
     before, after = (x["torque_rmse"]["pan"] for x in (kept.baseline, kept.figures))
-    assert after < 0.1 * before
+    assert after < 0.5 * before
     refuted = confirm_causes(found, teeth(0.0, 2))
     assert refuted.found.final.causes == () and refuted.figures == refuted.baseline
     assert refuted.found.structured == (True, False)
