@@ -179,10 +179,6 @@ OPEN = "document.querySelectorAll('details').forEach(one => { one.open = true; }
 """Opens all that is folded."""
 
 
-WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-"""By how much the page is wider than its window, pixels."""
-
-
 def until(condition: str, seconds: float = 180.0) -> Step:
     """Wait until a script's value is true."""
 
