@@ -72,6 +72,13 @@ def test_a_negative_fitted_inertia_is_not_stated() -> None:
     assert "%" not in note
 
 
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="both sides of a saturation are clipped: new diagnosis")
+def test_no_saturation_lies_below_the_torque_that_the_arm_measured() -> None:
+    found = said("data/franka_fer_unisa/fer.urdf", ["panda_unisa.db3"], [], "saturation")
+    assert not found.findings
+
+
 @pytest.mark.xfail(strict=True, reason="a base that moves unmeasured is taken for delays")
 def test_a_base_that_moves_without_its_imu_is_unknown() -> None:
     files = ["platform_imu_lost.csv.gz"]
