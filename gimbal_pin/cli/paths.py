@@ -192,24 +192,27 @@ def list_read_files(verb: Callable[..., None], given: Mapping[str, Any]) -> list
 
 def spell_call(verb: Callable[..., None], given: Mapping[str, Any]) -> str:
     """Return a command line that gives a verb these arguments; of absolute paths it has the last parts alone."""
+    from tyro.conf import UseAppendAction
+
     parameters = inspect.signature(verb).parameters
     usual = {
         name: value
         for name, value, _ in list_options(verb, {x.name: x.default for x in parameters.values()})
     }
     words = ["gimbal-pin", verb.__name__.replace("_", "-")]
-    for name, value, _ in list_options(verb, given):
+    for name, value, marks in list_options(verb, given):
         if name in usual and value == usual[name]:
             continue
         if isinstance(value, bool):
             words.append(name if value else f"--no-{name[2:]}")
+            continue
+        values = [str(item) for item in (value if isinstance(value, tuple) else (value,))]
+        if not name.startswith("-"):
+            words += values
+        elif UseAppendAction in marks:
+            words += [word for item in values for word in (name, item)]
         else:
-            several = value if isinstance(value, tuple) else (value,)
-            words += [
-                word
-                for one in several
-                for word in ((name, str(one)) if name.startswith("-") else (str(one),))
-            ]
+            words += [name, *values]
     return shlex.join(re.sub(r"(^|[=+@,])/(?:[^/]+/)*", r"\1", word) for word in words)
 
 

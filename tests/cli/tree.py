@@ -8,7 +8,6 @@ from inspect import Parameter, get_annotations, signature
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args, get_origin
 
-from tyro.conf import Positional, UseAppendAction
 from tyro.constructors import PrimitiveConstructorSpec
 
 from gimbal_pin.cli import VERBS
@@ -67,8 +66,7 @@ class Option(NamedTuple):
             suffixes = self.writes.list_suffixes() if self.writes else ()
             return Path(f"{self.name}{suffixes[0] if suffixes else ''}")
         if tuple in map(get_origin, kinds):
-            is_repeated = any(mark in (Positional, UseAppendAction) for mark in self.marks)
-            return ("a", "b") if is_repeated else ("a",)
+            return ("a", "b")
         return "cinema" if self.name == "payload" else "turret"
 
 
