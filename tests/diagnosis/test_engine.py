@@ -18,13 +18,15 @@ from gimbal_pin.diagnosis import (
     explain,
     gather,
     is_hidden_by_noise,
+    solve_causes,
 )
+from gimbal_pin.diagnosis.engine.criterion import criterion
 from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.effects import Armature, Cogging, Delay, JointFlexibility, Term, TorqueGain
 from gimbal_pin.log import Array, Log
 from tests.bench_logs import fourier
 from tests.diagnosis.cases import few
-from tests.refitted import ALIGNED, RIG, plant, record
+from tests.refitted import ALIGNED, RIG, plant, record, refit
 from tests.rigs import spelled
 
 DT = 4e-3
@@ -141,6 +143,13 @@ def test_what_is_less_than_an_error_of_the_models_form_is_no_cause() -> None:
         found = search(teeth(amplitude, 0))
         assert [cause.name for cause in found.final.causes] == names
         assert not any(found.structured)
+
+
+def test_parameters_cost_more_than_they_gain_by_luck() -> None:
+    """``log N`` each, of which noise gains about one."""
+    state = refit(record(nominal(RIG), dt=DT))
+    more = solve_causes(state.problem, (Cogging("pan", (7.0,)),), state)
+    assert 0.0 < criterion(more) - criterion(state) < 2.0 * np.log(state.problem.evidence.rows)
 
 
 # noise in the motion
