@@ -205,10 +205,13 @@ def tracking_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
     q, v, aim, integral = draw_aim(tested.library.n, rng)
     before = floats(aim.a + rng.normal(0, 0.1, len(q)))
     memory = LawMemory(tuple(integral), tuple(before))
-    right, _ = tested.stored.law.torque(0.5, q, v, aim, memory)
+    right, after = tested.stored.law.torque(0.5, q, v, aim, memory)
     held = single(integral, before).tobytes() + np.array([1, 0], np.uint32).tobytes()
-    found, _ = tested.law.torque(0.5, q, v, aim, held)
-    return compare(found, right, tested.stored.model.tau_max)
+    found, kept = tested.law.torque(0.5, q, v, aim, held)
+    limit = tested.stored.model.tau_max
+    gaps = np.abs(np.frombuffer(kept, np.float32, len(q)) - after.integral)
+    assert gaps.max() < 1e-6 or np.abs(right).max() > 0.999 * limit.min()
+    return compare(found, right, limit)
 
 
 def holding_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
