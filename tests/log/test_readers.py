@@ -22,6 +22,7 @@ from pyarrow import parquet
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from gimbal_pin.errors import DataError
 from gimbal_pin.log import (
     PLAUSIBLE_RANGES,
     Imu,
@@ -179,6 +180,26 @@ def test_measured_joint_states_come_before_commanded_ones(tmp_path: Path) -> Non
     read = read_log(tmp_path / "bag", TURRET, mapping)
     agree(read, log)
     np.testing.assert_allclose(held(read.q_ref), swing(FEW + 0.1)[0], atol=1e-4)
+
+
+@pytest.mark.parametrize("efforts", ["nan", "empty", "empty, printed"])
+def test_joint_states_without_efforts_hold_no_torque(efforts: str, tmp_path: Path) -> None:
+    log = planted(FEW)
+    columns = without(log_columns(log), "tau_")
+    path = tmp_path / "bag"
+    if efforts == "nan":
+        columns |= {f"tau_{joint}": np.full(len(FEW), np.nan) for joint in TURRET.joints}
+    if efforts == "empty, printed":
+        path = tmp_path / "echo.csv"
+        rows = zip(FEW, log.q, held(log.v))
+        lines = [f"0,{1e9 * t:.0f},,pan,tilt,{q[0]},{q[1]},{v[0]},{v[1]}\n" for t, q, v in rows]
+        path.write_text("".join(lines))
+    else:
+        write_bag(path, "sqlite3", {"/joint_states": columns})
+    with pytest.raises(DataError, match="no torque"):
+        read_log(path, TURRET)
+    read = read_log(path, TURRET, need_tau=False)
+    np.testing.assert_array_equal(read.q, log.q)
 
 
 def test_a_type_of_ones_own_is_read_by_the_bags_definition(tmp_path: Path) -> None:

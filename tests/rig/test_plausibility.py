@@ -12,6 +12,7 @@ from lxml import etree
 
 from gimbal_pin.rig import Rig
 from gimbal_pin.rig import bundled as data_folder
+from tests.command_line import Run, result
 from tests.rigs import COMBINATIONS, bundled, chain
 
 SLIPS = {
@@ -48,6 +49,18 @@ def test_a_value_in_another_unit_is_noted_where_it_stands(
 def test_nothing_is_noted_of_the_bundled_rigs_and_of_chains() -> None:
     rigs = [bundled(name, payload) for name, payload in COMBINATIONS] + [chain(1), chain(7)]
     assert [rig.notes for rig in rigs] == [()] * len(rigs)
+
+
+def test_check_tells_every_note_and_what_no_motor_holds(tmp_path: Path, run: Run) -> None:
+    """Of a rig whose bodies all weigh a thousand times as much."""
+    text = (data_folder() / "turret.urdf").read_text()
+    path = tmp_path / "rig.urdf"
+    path.write_text(re.sub(r'mass value="([^"]*)"', r'mass value="\1e3"', text))
+    said = result(run, "check", path, "--payload", "none")["warnings"]
+    notes = Rig.load(path, "none").notes
+    assert notes
+    assert set(notes) < set(said)
+    assert [note.partition(":")[0] for note in said if note not in notes] == ["tilt"]
 
 
 def test_a_travel_of_zero_is_not_stated_and_the_yaml_may_state_it(tmp_path: Path) -> None:
