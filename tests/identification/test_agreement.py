@@ -87,6 +87,16 @@ def test_payload_swapped_within_a_log_is_suspected(second: str, is_swapped: bool
     assert found.parting > 2.0 if is_swapped else 0.0 < found.parting < 0.5
 
 
+def test_clean_log_whose_halves_differ_by_no_torque_is_of_one_rig() -> None:
+    """An encoder that drifts by half a milliradian is far beyond the noise."""
+    rig = bundled("thesis")
+    log = prescribed(nominal(rig), 4, 12.0)
+    drift = 1e-4 * (log.t[:, None] - 6.0)
+    found = identify(rig, [replace(log, q=log.q + drift)], filtering=EXACT, examined="noisy")
+    assert found.parting is not None
+    assert not found.is_of_two_rigs
+
+
 def test_log_counts_once_whatever_its_name(tmp_path: Path) -> None:
     """Twice in one call, or beside a model that was identified from it."""
     first, other = record_each([RIG, RIG])

@@ -26,6 +26,7 @@ from gimbal_pin.identification import (
 from gimbal_pin.identification.payloads import CarrierEstimate, get_stated_payload
 from gimbal_pin.log import Array, Log, write_log
 from gimbal_pin.rig import Rig, find_payload
+from gimbal_pin.rig import bundled as data_folder
 from tests.bench_logs import EXACT, prescribed
 from tests.command_line import Run, refused, result
 from tests.identification.logs import record
@@ -127,6 +128,46 @@ def test_camera_is_placed_relative_to_the_known_one(name: str, extra: float) -> 
         assert extra or stated.beside.shift.std[shown].max() < 1e-4
     assert np.abs(z).max() < 4
     assert np.sqrt(np.mean(np.square(z))) < 1.7
+
+
+def load_meeting(folder: Path, payload: str) -> Rig:
+    """Return the handheld gimbal with axes that meet to 0.1 mm, which hides the mass of a camera."""
+    text = (data_folder() / "handheld.urdf").read_text()
+    text = text.replace("-0.215 0.015 0.245", "-0.215 0 0.245")
+    text = text.replace("0.245 0.105 -0.012", "0.215 0.105 0.0001")
+    path = folder / "meeting.urdf"
+    path.write_text(text)
+    return Rig.load(path, payload)
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_camera_whose_mass_does_not_show_has_a_place_for_each_mass(
+    is_known: bool, tmp_path: Path
+) -> None:
+    """On a known gimbal, and by both cameras at once."""
+    first, second = (load_meeting(tmp_path, payload) for payload in ("mirrorless", "cinema"))
+    way = (0.002, -0.0015, 0.001)
+    true = PayloadMass(0.1).apply(PayloadShift(*way).apply(second))
+    before = record(first, 2)
+    log = record(true, 11, 10.0)
+    if is_known:
+        known = identify(first, [before], filtering=EXACT, holdout="none")
+        found = identify_new(second, [log], known.model, filtering=EXACT)
+    else:
+        rigs = {"mirrorless": first, "cinema": second}
+        logs = {"mirrorless": [before], "cinema": [log]}
+        found = identify_several(rigs, logs, filtering=EXACT)
+    stated = get_stated_payload(second)[0]
+    for mass in (None, stated + 0.1):
+        apart = replace(found, mass=mass).payloads["cinema"].apart
+        assert apart is not None
+        assert all(apart.shift.axes)
+        change = apart.shift.change
+        if mass is None:
+            assert not apart.found_mass
+            change = change + apart.per_mass * 0.1 * stated / (stated + 0.1)
+        assert np.all(np.abs(change - way) < 3 * apart.shift.std)
+        assert apart.shift.std.max() < 0.5e-3
 
 
 @pytest.mark.parametrize("off", ["nothing", "friction", "parameters"])
