@@ -14,12 +14,13 @@ from gimbal_pin.diagnosis import LISTED, diagnose
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import Sample, TorqueTable, parse_effect
 from gimbal_pin.errors import DataError
-from gimbal_pin.identification import read_model
+from gimbal_pin.identification import identify, read_model
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
-from tests.bench_logs import prescribed
+from tests.bench_logs import EXACT, prescribed
 from tests.diagnosis.cases import CASES, detent, few, found, log_of, notch, push
 from tests.refitted import ALIGNED, RIG, record
+from tests.rigs import spelled
 
 HIDING = [name for name, case in CASES.items() if case.planted]
 FEW = ("cogging", "stribeck", "torque-bias", "cable-spring")
@@ -191,6 +192,29 @@ def test_one_weak_motor_is_told_and_not_all_others_at_the_reciprocal() -> None:
     assert [(one.cause, one.joint) for one in said.findings] == [("torque-gain", "tilt")]
     assert said.findings[0].parameters[0].value == pytest.approx(0.8, abs=0.01)
     assert said.after.lags == {}, "the alignment was stated"
+
+
+TWO_LINKS = """<mujoco><worldbody><body name="upper">
+<inertial pos="0 0 0.05" mass="1" diaginertia="0.01 0.01 0.005"/>
+<joint name="shoulder" axis="0 1 0" damping="0.6"/><body name="lower" pos="0 0 0.1">
+<inertial pos="0 0 0.05" mass="0.6" diaginertia="0.006 0.006 0.003"/>
+<joint name="elbow" axis="0 1 0" armature="{}" damping="0.4"/></body></body></worldbody></mujoco>"""
+"""The elbow's bodies act at the shoulder, too, and its rotor does not."""
+
+
+@pytest.mark.parametrize("stated", [0.2, 0.0])
+def test_a_rotor_is_found_unless_it_is_stated(stated: float) -> None:
+    """Until it is found its joint is not explained, and `identify` names the verb that finds it."""
+    rig, given = (spelled(TWO_LINKS.format(rotor)) for rotor in (0.2, stated))
+    log = record(nominal(rig), dt=4e-3)
+    said = diagnose(given, log, few("armature", "stribeck"), filtering=ALIGNED)
+    assert said.verdict == ("nothing" if stated else "named")
+    sizes = {(one.cause, one.joint): one.parameters[0].value for one in said.findings}
+    assert sizes == ({} if stated else {("armature", "elbow"): pytest.approx(0.2, rel=0.01)})
+    found = identify(given, log, filtering=EXACT)
+    open_ = [joint for joint, opinion in found.opinions.items() if opinion.is_open]
+    assert open_ == ([] if stated else ["elbow"])
+    assert ("gimbal-pin diagnose" in found.warnings[0]) == (not stated)
 
 
 # logs that cannot answer

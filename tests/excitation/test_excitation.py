@@ -138,6 +138,14 @@ def test_same_seed_same_motion() -> None:
     assert not np.array_equal(again.coefficients, designed("turret", 0).coefficients)
 
 
+def test_a_stated_rotor_hides_no_parameter() -> None:
+    """It is known, and no column beside that of its joint's inertia."""
+    plain = bundled("turret")
+    motors = tuple(replace(motor, rotor_inertia=0.01) for motor in plain.motors)
+    found = excite(replace(plain, motors=motors), starts=1, rng=np.random.default_rng(0))
+    assert found.condition_number < 1.2 * designed("turret", 0).condition_number
+
+
 def test_each_criterion_is_best_by_its_own_measure() -> None:
     determinant = Determinant()
     by_condition = designed("turret", 0)
