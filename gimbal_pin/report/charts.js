@@ -15,6 +15,15 @@ function label(all, unit, isLog) {
   return splits.map((value, k) => value === null ? "" : write(value) + (k === last ? unit : ""));
 }
 
+// Marks of a logarithmic axis: 1, 2, … 9 of every decade. Those of uPlot need limits that are powers of ten: from
+// 0.00338 on they may never end.
+function splitDecades(low, high) {
+  const splits = [];
+  for (let power = Math.floor(Math.log10(low)); 10 ** power <= high; power++)
+    for (let digit = 1; digit < 10; digit++) splits.push(Number(`${digit}e${power}`));
+  return splits.filter(split => split >= low && split <= high);
+}
+
 function add(parent, tag, attributes = {}, text = "") {
   const made = parent.appendChild(document.createElement(tag));
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
@@ -97,6 +106,7 @@ class Chart {
     const lines = { stroke: () => colourOf("--line"), width: 1 }, unit = ` ${this.what.abscissae[this.over].split(", ")[1]}`;
     const axis = { stroke: () => colourOf("--muted"), font: "12px system-ui, sans-serif", gap: 3, grid: lines, ticks: lines };
     const scale = which => this.what.log.includes(which) ? { distr: 3 } : {};
+    const marks = which => this.what.log.includes(which) ? { splits: (_, __, low, high) => splitDecades(low, high) } : {};
     const count = this.what.curves.length, drawn = this.owners.map(k => this.what.curves[k]).map((curve, at) => ({
       label: curve.name, show: isShown(at), stroke: paint(curve), width: at < count ? curve.width : 0, pxAlign: 0, dash: curve.dashes,
       ...(isTime ? { points: { show: false } } : { paths: () => null, points: { show: true, size: 3.5, width: 0, fill: paint(curve) } }),
@@ -107,7 +117,7 @@ class Chart {
       legend: { show: false },
       padding: [8, 16, 0, 0],
       scales: { x: { time: false, ...scale("x"), ...(x[0] < x[x.length - 1] && { range: (_, first, last) => [first, last] }) }, y: scale("y") },
-      axes: [{ ...axis, size: 26, values: (_, splits) => label(splits, unit, scale("x").distr) }, { ...axis, size: 56, space: 22, values: (_, splits) => label(splits, "") }],
+      axes: [{ ...axis, ...marks("x"), size: 26, values: (_, splits) => label(splits, unit, scale("x").distr) }, { ...axis, ...marks("y"), size: 56, space: 22, values: (_, splits) => label(splits, "") }],
       series: [{}, ...drawn],
       bands: this.owners.slice(count).flatMap((k, at) => at % 2 ? [] : [{ series: [count + at + 2, count + at + 1], fill: () => colourOf(this.what.curves[k].colour) + "40" }]),
       cursor: {

@@ -72,7 +72,7 @@ def diagnosed(name: str) -> Diagnosis:
 @cache
 def tuned(name: str) -> Tuning:
     """Return the controller that was made for what was found."""
-    return gp.tune(diagnosed(name).after)
+    return gp.tune(diagnosed(name).after, disk_margin=1.0, dt=0.002, delay=0.002)
 
 
 @cache
