@@ -169,11 +169,14 @@ def without(columns: Columns, *prefixes: str) -> Columns:
 # --- ROS ----------------------------------------------------------------------------------------
 
 
-def test_measured_joint_states_come_before_commanded_ones(tmp_path: Path) -> None:
+@pytest.mark.parametrize("lacking", [("dq_", "tau_"), ()])
+def test_measured_joint_states_come_before_commanded_ones(
+    lacking: tuple[str, ...], tmp_path: Path
+) -> None:
     """Commands of another rate are joined at the joints' times, and not shifted."""
     log = planted(FEW)
     u = np.arange(0, 300_000, 3700) / 1e6
-    asked = without({**log_columns(planted(u + 0.1)), "t": u}, "dq_", "tau_")
+    asked = without({**log_columns(planted(u + 0.1)), "t": u}, *lacking)
     topics = {"/a/target_joints": asked, "/joint_states": log_columns(log)}
     write_bag(tmp_path / "bag", "sqlite3", topics)
     mapping = {f"q_ref_{joint}": f"/a/target_joints.q_{joint}" for joint in TURRET.joints}
