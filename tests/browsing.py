@@ -222,6 +222,16 @@ def media(kind: str, scheme: str = "light") -> Step:
     return done
 
 
+def prefer(feature: str, wish: str) -> Step:
+    """Say what the reader prefers, as `prefers-color-scheme` does."""
+
+    async def done(tab: Any) -> None:
+        features = [{"name": f"prefers-{feature}", "value": wish}]
+        await tab.send_command("Emulation.setEmulatedMedia", {"features": features})
+
+    return done
+
+
 def meanwhile(act: Callable[[], object]) -> Step:
     """Do something outside the page while it stays open."""
 

@@ -33,12 +33,13 @@ from PIL import Image
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log import Imu, Log
 from gimbal_pin.report import view
+from gimbal_pin.report.elements import embed
 from gimbal_pin.report.view import figure, output
 from gimbal_pin.report.view.motion import motion, poses
 from gimbal_pin.report.view.scene import scene
 from gimbal_pin.report.view.solids import Y_TO_Z, visuals
 from gimbal_pin.rig import Rig, bundled_rigs
-from tests.browsing import needs_browser, visit
+from tests.browsing import media, needs_browser, pause, prefer, visit
 from tests.rigs import bundled, spelled
 
 GHOST = "/meshcat/ghost"
@@ -443,3 +444,60 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     for have, row in zip(seen.values[1:4:2], (150, 390)):
         pin.forwardKinematics(rig.model, data, log.q[row])
         np.testing.assert_allclose(square(have)[:3, :3], stands @ data.oMi[3].rotation, atol=1e-5)
+
+
+COUNTED = """<head><script>{
+  const request = requestAnimationFrame.bind(window);
+  window.frames = 0;
+  window.requestAnimationFrame = act => request(time => { frames++; act(time); });
+}</script>"""
+DRAWN = "document.querySelector('iframe').contentWindow.frames"
+"""How many frames the scene in a page has drawn."""
+
+
+@needs_browser
+def test_a_scene_runs_only_while_it_is_seen(lumped: Rig, tmp_path: Path) -> None:
+    """Folded, scrolled away or folded again it draws no frame."""
+    page = view.record(lumped, sweep(lumped)).replace("<head>", COUNTED, 1)
+    frame = embed(page, "scene", "scene", "run")
+    path = tmp_path / "page.html"
+    details = f"<details><summary>scene</summary>{frame}</details>"
+    path.write_text(f"<!DOCTYPE html>{details}<p style='height: 3000px'></p>")
+    fold = "document.querySelector('details').open = {}, -1"
+    acts = [
+        fold.format("true"),
+        "scrollTo(0, 2500), -1",
+        "scrollTo(0, 0), -1",
+        fold.format("false"),
+    ]
+    steps = [pause(1.0), DRAWN]
+    for act in acts:
+        steps += [act, pause(1.0), DRAWN, pause(0.7), DRAWN]
+    folded, *counts = [x for x in visit(path.as_uri(), *steps).values if x != -1]
+    assert folded == 0
+    opened, away, back, again = np.reshape(counts, (4, 2)).tolist()
+    assert 0 < opened[0] < opened[1] <= away[0] == away[1] < back[0] < back[1] <= again[0]
+    assert again[0] == again[1]
+
+
+@needs_browser
+def test_a_scene_obeys_the_readers_wishes_and_is_drawn_on_paper(
+    lumped: Rig, tmp_path: Path
+) -> None:
+    """It stands where less motion is preferred, is dark where that is, and a still on paper."""
+    path = tmp_path / "page.html"
+    path.write_text(view.record(lumped, sweep(lumped)))
+    picture = "document.querySelector('#meshcat-pane canvas').toDataURL().length"
+    bar = "getComputedStyle(document.getElementById('bar')).display"
+    ground = "getComputedStyle(document.body).backgroundColor"
+    moves = (pause(1.5), "animator.time > 0")
+    less = prefer("reduced-motion", "reduce")
+    reload = ("location.reload(), -1", pause(2.0))
+    steps = [*moves, ground, prefer("color-scheme", "dark"), ground, less, *reload, *moves]
+    steps += [picture, media("print"), f"(dispatchEvent(new Event('beforeprint')), {picture})", bar]
+    found = visit(path.as_uri(), *steps)
+    free, light, dark, _, stands, blank, drawn, shown = found.values
+    assert found.complaints == []
+    assert (free, stands, shown) == (True, False, "none")
+    assert light != dark
+    assert drawn > 2 * blank

@@ -21,6 +21,7 @@ import yaml
 from gimbal_pin import write_log
 from gimbal_pin.control import bench_run
 from gimbal_pin.dynamics import nominal
+from gimbal_pin.effects import get_payload
 from gimbal_pin.report.view import browser
 from tests.browsing import Step, audit, needs_browser, until, visit, wide
 from tests.command_line import Run, heard, refused
@@ -31,8 +32,10 @@ pytest.importorskip("nicegui")
 
 
 @contextmanager
-def served(*words: str, folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A studio of these words in a folder: its process and its address. It complains of nothing."""
+def served(
+    *words: str, folder: Path, lines: int = 0
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A studio of these words in a folder: its process and its address. It complains in so many lines."""
     call = [sys.executable, "-m", "gimbal_pin.cli", "studio", *words, "--no-browser"]
     pipes: Any = dict(
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, preexec_fn=heard
@@ -45,7 +48,8 @@ def served(*words: str, folder: Path) -> Iterator[tuple[subprocess.Popen[str], s
             yield process, found[0]
             process.send_signal(signal.SIGINT)
             process.wait(20)
-            assert process.stderr.read() == ""
+            said = process.stderr.read()
+            assert said.count("\n") == lines, said
         finally:
             process.kill()
 
@@ -87,35 +91,50 @@ TITLE = "document.querySelector('h1').textContent"
 BANDWIDTH = "document.querySelector('.table td')?.textContent"
 SETTLED = f"document.querySelector('[data-figure=jitter]')?.textContent && {SAID} === ''"
 NUMBER = "document.querySelector('[data-number={}]')"
-SLIDER = "document.querySelector('[data-slider=bandwidth_hz]')"
+SLIDER = "document.querySelector('[data-slider={}]')"
+TRACK = f"{SLIDER}.querySelector('.q-slider__track-container')"
+MASS = f"Number({NUMBER.format('mass')}.value)"
+OTHER = "document.querySelector('[data-figure=other-camera]').textContent"
 
 
 @needs_browser
 def test_a_person_tunes_swaps_goes_back_and_saves(folder: Path, run: Run) -> None:
-    """What is saved is what `tune` writes; nothing but this machine is asked, and axe has nothing against the page."""
+    """What is saved is what `tune` writes; nothing but this machine is asked, and axe has nothing against the page.
+
+    Another camera has its own mass, ends of the slider and report; a malformed event is one line.
+    """
+    stated = float(get_payload(bundled("turret", "cinema"))[1].mass)
+    hertz = SLIDER.format("bandwidth_hz")
+    malformed = f"(getElement(Number({hertz}.id.slice(1))).$emit('change', {{}}), 0)"
     camera = (
         "[...document.querySelectorAll('button.camera')].find(x => x.innerText.trim() === 'cinema')"
     )
     swap = [until(f"{camera}?.getBoundingClientRect().width > 50"), press(camera)]
     found = list[Any]()
-    moved = f"[{BANDWIDTH}, {NUMBER.format('bandwidth_hz')}.value, {SLIDER}.ariaValueNow]"
-    steps = [until(SETTLED), BANDWIDTH, TITLE, audit(found)]
+    moved = f"[{BANDWIDTH}, {NUMBER.format('bandwidth_hz')}.value, {hertz}.ariaValueNow]"
+    mounted = f"[{MASS}, Number({SLIDER.format('mass')}.ariaValueMax), {OTHER}]"
+    steps = [until(SETTLED), malformed, BANDWIDTH, TITLE, audit(found), mounted]
     steps += [*act("save-controller"), until(f"{SAID}.startsWith('saved')")]
-    steps += [press(f"{SLIDER}.querySelector('.q-slider__track-container')")]
+    steps += [press(TRACK.format("bandwidth_hz"))]
     steps += [until(f"{BANDWIDTH} !== '8.00 Hz' && {SAID} === ''"), moved]
     steps += [*act("undo"), until(f"{BANDWIDTH} === '8.00 Hz'")]
+    steps += [until(f"{SAID} === ''"), f"window.before = {MASS}", press(TRACK.format("mass"), 0.9)]
+    steps += [until(f"{MASS} > window.before && {SAID} === ''")]
     steps += [
         *act("swap-camera"),
         *swap,
-        until(f"{TITLE} === 'turret with cinema' && {SAID} === ''"),
+        until(f"{TITLE} === 'turret with cinema' && {SETTLED}"),
+        mounted,
     ]
     steps += [*act("undo"), until(f"{TITLE} === 'turret with infrared'")]
-    steps += [*act("redo"), until(f"{TITLE} === 'turret with cinema'")]
-    steps += [*act("undo"), until(f"{TITLE} === 'turret with infrared' && {SAID} === ''")]
+    steps += [*act("redo"), until(f"{TITLE} === 'turret with cinema' && {SAID} === ''")]
     steps += [*act("save-report"), until(f"{SAID}.startsWith('saved')", 300)]
-    with served("turret", "log.csv", "-o", "out", folder=folder) as (_, url):
+    with served("turret", "log.csv", "-o", "out", folder=folder, lines=1) as (_, url):
         seen = visit(url, wide(1280), *steps)
-    first, title, (shown, number, spoken) = seen.values
+    _, first, title, given, (shown, number, spoken), before, mine = seen.values
+    assert given[2] == "" and before == given[0]
+    np.testing.assert_allclose(mine[:2], [stated, 3 * stated], rtol=1e-3)
+    assert "infrared" in mine[2] and "cinema" in mine[2]
     assert (first, title) == ("8.00 Hz", "turret with infrared")
     assert float(shown.split()[0]) == pytest.approx(float(number), rel=0.01)
     assert float(spoken) == float(number) > 15
@@ -124,7 +143,10 @@ def test_a_person_tunes_swaps_goes_back_and_saves(folder: Path, run: Run) -> Non
     own = folder / "tuned.yaml"
     assert run("tune", "turret", folder / "log.csv", "-o", own, "--plants", "1")[0] == 0
     assert (folder / "out" / "controller.yaml").read_bytes() == own.read_bytes()
-    assert "<h2" in (folder / "out" / "report.html").read_text()
+    report = (folder / "out" / "report.html").read_text()
+    assert "<h2" in report
+    assert "turret with cinema" in report
+    assert "turret with infrared" not in report
 
 
 def answer(url: str, path: str, **headers: str) -> int:
