@@ -84,6 +84,8 @@ GIVEN: dict[str, Any] = {"t": [0.0, 0.1, 0.2], "q": [[0.0], [0.1], [0.2]]}
         ({"imus": {"arm": Imu(gyro=np.zeros((2, 3)))}}, "run: gyro of arm: has shape"),
         ({"joints": ("pan", "pan"), "q": np.zeros((3, 2))}, "run: joints: are pan, pan"),
         ({"q": [[0.0], [np.nan], [0.2]]}, "q.*sample 1"),
+        ({"q": np.broadcast_to(np.nan, (3, 1))}, "q.*sample 0"),
+        ({"tau": np.broadcast_to(1e12, (3, 1))}, "tau.*sample 0"),
         ({"v": [[0.0], [0.1], [np.inf]]}, "v.*sample 2"),
         ({"tau": [[0.0], [0.1], [1e12]]}, "tau.*sample 2"),
     ],
@@ -115,6 +117,18 @@ def test_names_and_words_do_as_lists_and_objects_in_any_order_of_the_joints() ->
     other = gp.identify(RIG, [turned], effects, estimator=fit_ordinary, filtering=EXACT)
     np.testing.assert_allclose(one.estimate.theta, other.estimate.theta, rtol=1e-9)
     assert one.names == other.names
+
+
+def test_the_default_checks_the_data_as_the_command_line_does() -> None:
+    q = np.array(recorded().q)
+    q[::500] += 0.3
+    spiky = replace(recorded(), q=q)
+    found, asked = (
+        gp.identify(RIG, spiky, filtering=EXACT, **wish) for wish in ({}, {"examined": "noisy"})
+    )
+    assert found.bias is not None
+    assert found.faults
+    assert found.faults == asked.faults
 
 
 # --- Random numbers -----------------------------------------------------------------------------

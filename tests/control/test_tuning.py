@@ -27,7 +27,14 @@ from gimbal_pin.control import (
     tune,
 )
 from gimbal_pin.dynamics import Estimated, Model, Reference, nominal
-from gimbal_pin.effects import ActuatorLag, JointFlexibility, Saturation, Signal
+from gimbal_pin.effects import (
+    ActuatorLag,
+    FrictionDrift,
+    JointFlexibility,
+    Saturation,
+    Signal,
+    Term,
+)
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.rig import Motor
@@ -190,6 +197,22 @@ def test_wishes_that_cannot_be_are_refused(wish: dict[str, Any], place: str) -> 
         tune(**{"model": nominal(bundled("thesis")), **wish})
     with pytest.raises(UsageError, match="bandwidth_hz"):
         tuned().with_(bandwith=3)
+
+
+@pytest.mark.parametrize("size", [1e6, 1e10])
+def test_a_drift_that_no_log_shows_does_not_multiply_the_gain(size: float) -> None:
+    """Its coefficients are known to so many N m and N m s/rad, and correlate with the bodies."""
+    model = doubtful(0.02)
+    count = len(model.estimated.names)
+    drift = Term(FrictionDrift("pan", 1e5), (0.1, 0.0))
+    std = np.append(np.sqrt(np.diag(model.estimated.covariance)), [size, size])
+    covariance = np.diag(std**2)
+    covariance[:count, :count] = model.estimated.covariance
+    covariance[count:, 0] = covariance[0, count:] = 0.3 * std[0] * size
+    shown = estimated(replace(model, terms=(*model.terms, drift)), covariance)
+    one, other = (tune(x, disk_margin=0.5) for x in (shown, model))
+    np.testing.assert_allclose(one.bandwidth_hz, other.bandwidth_hz, rtol=0.02)
+    np.testing.assert_allclose(one.ratios, other.ratios, rtol=0.02)
 
 
 def test_rate_and_delay_are_the_logs_unless_told() -> None:

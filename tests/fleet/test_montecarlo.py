@@ -142,6 +142,7 @@ def test_a_platform_and_planted_causes_from_the_command_line(run: Run, tmp_path:
     table = pd.read_parquet(tmp_path / "out" / "results.parquet")
     assert table["cogging:pan.amplitude"].between(0.01, 0.05).all()
     assert table["jitter"].gt(0).all()
+    assert found["figures"]["drift"]["median"] is None
     refused(run(*call, "--seconds", 0.6, "-o", tmp_path / "new"), 2, "--seconds", "0.6 s")
 
 

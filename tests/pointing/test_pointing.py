@@ -180,12 +180,15 @@ def test_jitter_is_what_is_fast_and_drift_what_is_slow() -> None:
 
 
 def test_a_row_tells_shares_at_the_limit_and_every_kind_of_event_once() -> None:
+    """Of all but the first two seconds, in which the camera still turns to its aim."""
     t = DT * np.arange(8000)
+    early = np.outer(t < 1.9, np.ones(3))
     tau = np.where(t < 6, 1.0, 2.0)[:, None]
     zero = np.zeros((8000, 4))
     events = ("2.5 s: yaw at its limit for 0.05 s", "1.5 s: yaw at its limit for 0.07 s")
-    run = Pointing("a", "S", 0, ("yaw",), t, zero[:, :3], tau, tau, zero, np.full(1, 2.0), events)
+    run = Pointing("a", "S", 0, ("yaw",), t, early, tau, tau, zero, np.full(1, 2.0), events)
     row = Row("a", (run,))
+    assert row.jitter_max == 0.0
     assert row.at_limit["yaw"] == pytest.approx(1 / 3)
     assert row.torque_rms["yaw"] == pytest.approx(np.sqrt(2.0))
     assert row.happened == (f"{events[1]} (2 times)",)

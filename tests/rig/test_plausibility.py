@@ -85,9 +85,9 @@ def test_a_travel_of_zero_is_not_stated_and_the_yaml_may_state_it(tmp_path: Path
     ],
 )
 def test_a_fixed_frame_without_mass_changes_nothing_and_is_noted(
-    tmp_path: Path, inertial: str
+    tmp_path: Path, run: Run, inertial: str
 ) -> None:
-    """On the base, on the last link, and below the root of a payload."""
+    """On the base, on the last link, and below the root of a payload; mended, nothing is noted."""
     frame = (
         f'<link name="{{0}}"><inertial>{inertial}</inertial></link>'
         '<joint name="{0}_at" type="fixed"><parent link="{1}"/><child link="{0}"/></joint>'
@@ -105,3 +105,8 @@ def test_a_fixed_frame_without_mass_changes_nothing_and_is_noted(
     loaded = Rig.load(rig, payload)
     np.testing.assert_array_equal(loaded.phi, plain.phi)
     assert any("plate" in note for note in loaded.notes)
+    mended = tmp_path / "mended.urdf"
+    assert run("check", rig, "--payload", payload, "--mend", mended)[0] == 0
+    again = Rig.load(mended)
+    assert again.notes == ()
+    np.testing.assert_allclose(again.phi, plain.phi)
