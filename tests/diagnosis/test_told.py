@@ -16,13 +16,17 @@ from gimbal_pin.diagnosis import (
     Finding,
     Rival,
     describe_friction,
+    diagnose,
     find_credible,
 )
+from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Parameter
 from gimbal_pin.identification import Opinion, judge_joint
 from gimbal_pin.report import show_diagnosis, tables
 from gimbal_pin.report.summary import missed
+from tests.bench_logs import prescribed
 from tests.diagnosis.cases import detent, found
+from tests.refitted import RIG
 
 INTERVAL = re.compile(r"([-−]?[\d.]+(?:e[-+]\d+)?) ± ([\d.]+(?:e[-+]\d+)?)")
 
@@ -97,6 +101,16 @@ def test_friction_that_is_told_is_positive_and_known(
     assert "tilt" not in " ".join(describe_friction(bare, ("tilt",)))
 
 
+def test_friction_that_is_told_is_the_refitted_models() -> None:
+    bare = replace(RIG, friction=np.zeros_like(RIG.friction))
+    log = prescribed(nominal(RIG), seconds=12.0, torque_noise=0.01, dt=4e-3)
+    said = diagnose(bare, log, {})
+    (note,) = describe_friction(said.before, ())
+    assert note in said.notes and said.before.estimated is not None
+    told = [float(value) for value, _ in INTERVAL.findall(note)]
+    np.testing.assert_allclose(told, said.before.estimated.theta[-4:], rtol=0.01)
+
+
 # one state
 
 
@@ -150,12 +164,19 @@ def test_all_that_speaks_of_a_joint_agrees() -> None:
     table = states_of(tables.residual(said))
     assert all(table[joint].startswith(state) for joint, state in stated.items())
     assert said.unexplained == ["pan"]
+    near = said.candidate
+    assert near is not None and near.after < near.before
+    assert f"{near.cause} at {near.joint}" in show_diagnosis(said).to_text().lower()
     for text in (show_diagnosis(said).to_text(), missed(said)):
         assert "pan" in text
 
 
 def test_headline_and_page_name_what_was_found() -> None:
+    """Beside each probability stands the most that any can be, beside errors their band."""
     said = found("teeth and breakaway")
+    page = show_diagnosis(said).to_text()
+    assert len(re.findall(rf"%[^%]*\b{100 * LISTED:.0f} %", page)) >= len(said.findings)
+    assert said.held is not None and page.count(f"{said.held.band:g} Hz") >= 2
     for one in said.findings:
         for text in (missed(said), show_diagnosis(said).to_text(), show_diagnosis(said).html):
             assert one.cause in text and str(one.joint) in text

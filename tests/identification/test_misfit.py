@@ -121,6 +121,18 @@ def join(first: Log, second: Log) -> Log:
     return replace(first, tau=np.where(early[:, None], first.tau, second.tau))
 
 
+def test_refit_that_is_worse_than_the_urdf_is_not_explained() -> None:
+    """A hand pushed slowly in the training part alone."""
+    log = record()
+    tau = np.array(log.tau)
+    push = np.sin(1.3 * log.t) + np.sin(2.9 * log.t + 1.0)
+    tau[:, 1] += 0.45 * np.std(tau[:, 1]) * push
+    found = identify(RIG, [join(replace(log, tau=tau), log)], filtering=EXACT)
+    fits = [one.fit_percent["tilt"] for one in (found.held_out, found.simpler[0])]
+    assert 50 < fits[0] < 90 < 95 < fits[1]
+    assert found.opinions == {"pan": Opinion.EXPLAINED, "tilt": Opinion.NOT_EXPLAINED}
+
+
 def test_effect_of_the_training_part_alone_is_left_out() -> None:
     teeth = [Cogging("tilt", (7.0,))]
     found = identify(RIG, [join(record(0.05), record())], teeth, filtering=EXACT)

@@ -29,7 +29,7 @@ from gimbal_pin.rig import Rig, find_payload
 from gimbal_pin.rig import bundled as data_folder
 from tests.bench_logs import EXACT, prescribed
 from tests.command_line import Run, refused, result
-from tests.identification.logs import record
+from tests.identification.logs import hold, record
 from tests.rigs import bundled
 
 
@@ -168,6 +168,30 @@ def test_camera_whose_mass_does_not_show_has_a_place_for_each_mass(
             change = change + apart.per_mass * 0.1 * stated / (stated + 0.1)
         assert np.all(np.abs(change - way) < 3 * apart.shift.std)
         assert apart.shift.std.max() < 0.5e-3
+
+
+@pytest.mark.parametrize(("name", "still"), [("turret", 0), ("turret", 1), ("drone", 0)])
+def test_joint_that_stands_still_hides_only_what_it_hides(name: str, still: int) -> None:
+    """At the weighed mass the place is true; on a known gimbal, and with both cameras at once."""
+    first, given = (bundled(name, payload) for payload in ("mirrorless", "zoom-lens"))
+    way = np.array([0.004, -0.003, 0.002])
+    true = PayloadMass(0.05).apply(PayloadShift(*way.tolist()).apply(given))
+    log = hold(true, record(true, 9, 10.0), still, noisy=False)
+    rigs = {"mirrorless": first, "zoom-lens": given}
+    logs = {"mirrorless": [record(first, 0)], "zoom-lens": [log]}
+    known = find_first(name, "mirrorless").model
+    for found in (
+        identify_new(given, [log], known, filtering=EXACT),
+        identify_several(rigs, logs, filtering=EXACT),
+    ):
+        mass = get_stated_payload(true)[0]
+        apart = replace(found, mass=mass).payloads["zoom-lens"].apart
+        assert apart is not None
+        shown = list(apart.shift.axes)
+        assert shown[0]
+        error = (apart.shift.change - way)[shown] / apart.shift.std[shown]
+        assert np.abs(error).max() < 3
+        assert any("does not show" in note for note in found.identified["zoom-lens"].notes)
 
 
 @pytest.mark.parametrize("off", ["nothing", "friction", "parameters"])
