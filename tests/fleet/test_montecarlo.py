@@ -7,6 +7,7 @@ from math import degrees, pi
 from pathlib import Path
 from typing import Any
 
+import lxml.html
 import numpy as np
 import pandas as pd
 import pytest
@@ -143,6 +144,9 @@ def test_a_platform_and_planted_causes_from_the_command_line(run: Run, tmp_path:
     assert table["cogging:pan.amplitude"].between(0.01, 0.05).all()
     assert table["jitter"].gt(0).all()
     assert found["figures"]["drift"]["median"] is None
+    page = lxml.html.parse(str(tmp_path / "out" / "report.html"))
+    (row,) = page.xpath("//tr[starts-with(., 'drift')]")
+    assert {cell.text_content() for cell in row[1:]} == {"–"}
     refused(run(*call, "--seconds", 0.6, "-o", tmp_path / "new"), 2, "--seconds", "0.6 s")
 
 
