@@ -36,6 +36,21 @@ def test_base_is_the_thesis_table(run: Run) -> None:
     assert {"name": "spine.Iyy + fork.Izz", "terms": terms} in found["base"]
 
 
+def test_cutoff_and_alignment_count_together(run: Run, tmp_path: Path) -> None:
+    """What is left of a log in order is small, and told in mN m."""
+    rig = bundled("turret")
+    path = tmp_path / "log.csv"
+    write_log(prescribed(nominal(rig), seconds=6.0, torque_noise=0.01, dt=4e-3), path)
+    call = ("identify", "turret", path, "--cutoff", 5, "--alignment")
+    found, late = (result(run, *call, delay) for delay in (0.0, 0.05))
+    errors = [fit["train"]["torque_rmse"]["pan"] for fit in (found, late)]
+    assert errors[1] > 2 * errors[0]
+    code, out, _ = run(*call, 0.0)
+    assert code == 0
+    (row,) = re.findall(r"mN m rms.*\n(?:.*\n)*?pan +([\d.]+)", out)
+    assert float(row) == pytest.approx(1e3 * found["held_out"]["torque_rmse"]["pan"], rel=1e-2)
+
+
 @pytest.mark.parametrize("step", [2e-3, 5e-4])
 def test_a_simulated_log_is_as_late_as_its_controller_is_tuned_for(
     step: float, run: Run, made: Path, tmp_path: Path

@@ -150,6 +150,16 @@ def test_a_platform_and_planted_causes_from_the_command_line(run: Run, tmp_path:
     refused(run(*call, "--seconds", 0.6, "-o", tmp_path / "new"), 2, "--seconds", "0.6 s")
 
 
+def test_the_seed_chooses_the_rigs(run: Run, tmp_path: Path) -> None:
+    call = ["montecarlo", "turret", "--count", 1, "--seconds", 0.6, "--workers", 1]
+    figures = [
+        result(run, *call, "--seed", seed, "-o", tmp_path / str(k))["figures"]
+        for k, seed in enumerate((1, 1, 2))
+    ]
+    assert figures[0] == figures[1]
+    assert figures[0] != figures[2]
+
+
 @pytest.mark.parametrize(
     ("vary", "place"),
     [
