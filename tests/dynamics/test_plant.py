@@ -24,7 +24,7 @@ from gimbal_pin.log import Array
 from gimbal_pin.rig import Rig
 from tests.dynamics.odd_rigs import ALL, known
 from tests.dynamics.test_dynamics import shake
-from tests.rigs import energy
+from tests.rigs import energy, spelled
 
 COUPLED = ["handheld", "double-pendulum"]
 """A gimbal, and joints that push each other hard."""
@@ -189,6 +189,24 @@ def test_from_rest_each_joint_sticks_within_its_friction_or_slides_the_way_it_sp
     after = plant.step(0.0, state, tau, 1e-5)
     np.testing.assert_allclose(after.v, 1e-5 * a, atol=1e-8 * (1 + np.abs(a).max()))
     np.testing.assert_array_equal(np.sign(after.v), slides)
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_stuck_joint_is_a_weld(joint: int) -> None:
+    """The joints beside it move as if it were fixed."""
+    rig = known("thesis")
+    turning = f'<joint name="{rig.joints[joint]}" type="revolute"'
+    welded = spelled(rig.urdf.replace(turning, turning.replace("revolute", "fixed")))
+    moving = np.arange(3) != joint
+    v = np.where(moving, [1.5, -1.2, 2.0], 0.0)
+    tau = np.zeros(3)
+    stuck = run(
+        rub(rig, np.where(moving, 0.0, 5.0).tolist(), [0.0] * 3), State(tau, v), tau, 0.3, 300
+    )
+    fixed = run(Model(welded, ()), State(tau[moving], v[moving]), tau[moving], 0.3, 300)
+    assert stuck.q[joint] == stuck.v[joint] == 0
+    assert np.abs(fixed.q).min() > 0.01
+    np.testing.assert_allclose(stuck.q[moving], fixed.q, atol=1e-10)
 
 
 def test_a_state_beyond_all_numbers_is_lost() -> None:
