@@ -31,15 +31,15 @@ from tests.bench_logs import true_theta
 
 @dataclass(frozen=True)
 class Score:
-    """One log: largest ratio to the oracle, errors in deviations, largest relative error of the sharp parameters."""
+    """Largest ratio to the fit from the truth, errors in deviations, largest error of sharp parameters."""
 
     ratio: float
     z: tuple[float, ...]
     sharp: float
 
 
-def truth(plant: Model, log: Log, tau: Array) -> Motion:
-    """The plant's state in the middle of every held torque, replayed from the torques that acted."""
+def replay_motion(plant: Model, log: Log, tau: Array) -> Motion:
+    """Return the plant's states in the middle of each held torque, replayed from the torques that acted."""
     system = Plant(plant)
     half = log.dt / 2
     state = State(np.array(log.q_ref[0]), np.zeros(plant.rig.n))  # type: ignore[index]
@@ -52,9 +52,9 @@ def truth(plant: Model, log: Log, tau: Array) -> Motion:
     return Motion(log.t, q, v, a)
 
 
-def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
-    """The same fit with the true, noise-free q, v and a; a joint is at standstill only where it truly is."""
-    true = truth(nominal(rig), log, tau)
+def identify_from_truth(rig: Rig, log: Log, tau: Array) -> Identified:
+    """Return the fit with the noise-free q, v and a, and with the true standstill of each joint."""
+    true = replay_motion(nominal(rig), log, tau)
     measured = np.asarray(log.tau)
 
     def channels(
@@ -76,10 +76,10 @@ def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
         return identify(rig, [log])
 
 
-def closed_loop(
+def simulate_excitation(
     rig: Rig, seed: int, seconds: float, torque_noise: float = 0.01, bits: float = 16
 ) -> tuple[Log, Array]:
-    """A simulated excitation under computed torque, and the torque that acted without the sensor's noise."""
+    """Simulate an excitation under computed torque; return its log, and the torque without sensor noise."""
     rng = np.random.default_rng(seed)
     plant = nominal(rig)
     reference = repeated(excite(rig, starts=1, rng=rng).motion, seconds, 1e-3)
@@ -93,9 +93,9 @@ def closed_loop(
 def score(name: str, payload: str, seed: int, seconds: float) -> tuple[str, str, Score]:
     """Simulate and identify one log."""
     rig = Rig.load(name, payload)
-    log, tau = closed_loop(rig, seed, seconds)
+    log, tau = simulate_excitation(rig, seed, seconds)
     found = identify(rig, [log])
-    best = oracle(rig, log, tau)
+    best = identify_from_truth(rig, log, tau)
     truth = true_theta(rig)
     error = np.abs(found.estimate.theta - truth)
     std = found.estimate.std

@@ -35,7 +35,7 @@ SHARED = {
         "harmonic",
         "losses",
         "seen",
-        "loose",
+        "geared",
         "torque_table",
     },
 }

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.loose import ROTOR_SHARE, Geared
+from gimbal_pin.effects.geared import ROTOR_SHARE, Geared
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 from gimbal_pin.effects.signal import JointLoad, SignalMemory
