@@ -39,6 +39,10 @@ INFLATING = """[...document.querySelectorAll('iframe[data-deflated]')].some(fram
   frame.contentDocument.URL !== 'about:srcdoc' || frame.contentDocument.readyState !== 'complete')"""
 """Whether a page in the page is not yet there."""
 
+LOADING = """[...document.querySelectorAll('iframe')].some(frame => frame.checkVisibility()
+  && (frame.contentDocument?.readyState !== 'complete' || frame.contentDocument.URL === 'about:blank'))"""
+"""Whether a visible frame still shows the empty page that stands there before its own."""
+
 needs_browser = pytest.mark.skipif(
     bool(browser_missing()), reason=browser_missing() or "there is one"
 )
@@ -160,6 +164,7 @@ def audit(found: list[Any]) -> Step:
     """Append what axe-core finds against the page and its frames to a list: page, rule, element and reason."""
 
     async def done(tab: Any) -> None:
+        await until(f"!({LOADING})")(tab)
         await browser.evaluate(tab, f"var axeSource = {json.dumps(load_axe())}; 0")
         asked = {"expression": AUDIT, "awaitPromise": True, "returnByValue": True}
         # In a frame that is left for another page it never ends.
