@@ -41,23 +41,20 @@ def test_regressor_as_its_own_instrument_is_least_squares(seed: int) -> None:
         np.testing.assert_allclose(found.std, plain.std, rtol=0.05)
 
 
-@pytest.mark.parametrize("noise", [0.5, 1.0])
-def test_estimates_are_consistent_and_their_deviations_calibrated(noise: float) -> None:
+@pytest.mark.parametrize(("repeats", "noise"), [(False, 0.5), (True, 0.5), (True, 1.0)])
+def test_estimates_are_consistent_and_their_deviations_calibrated(
+    repeats: bool, noise: float
+) -> None:
     """Noise as large as the columns: its products are half of the variance of `fit_repeated`."""
-    z: dict[str, list[Array]] = {"plain": [], "instrumental": [], "repeated": []}
+    z = []
     for seed in range(60):
         first, second, theta = draw_twins(seed, noise)
-        estimates = {
-            "plain": fit_weighted([first]),
-            "instrumental": fit_instrumental([first], [second.A]),
-            "repeated": fit_repeated([first], [second]),
-        }
-        for name, found in estimates.items():
-            z[name].append((found.theta - theta) / found.std)
-    assert np.mean(z["plain"]) < -5
-    for name in ("instrumental", "repeated") if noise < 1.0 else ("repeated",):
-        assert abs(np.mean(z[name])) < 0.35
-        assert np.sqrt(np.mean(np.square(z[name]))) == pytest.approx(1.0, abs=0.2)
+        found = (
+            fit_repeated([first], [second]) if repeats else fit_instrumental([first], [second.A])
+        )
+        z.append((found.theta - theta) / found.std)
+    assert abs(np.mean(z)) < 0.35
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.2)
 
 
 def test_instruments_must_fit_the_rows() -> None:
@@ -86,21 +83,19 @@ def compare_shaken(seed: int, noise: float, answer: float = 0.0) -> MotionNoise:
     return compare_instruments(A, slow, b, np.repeat(np.arange(40), 500), np.eye(2))
 
 
-@pytest.mark.parametrize("answer", [0.0, -0.5])
-@pytest.mark.parametrize("noise", [0.0, 0.5, 2.0])
+@pytest.mark.parametrize(
+    ("noise", "answer"), [(0.0, 0.0), (0.5, -0.5), (2.0, 0.0), (2.0, -0.5), (1.0, 4.0)]
+)
 def test_slow_motion_recovers_what_noise_takes(noise: float, answer: float) -> None:
-    """``plain → (2 + answer σ²) / (1 + σ²)``, whether a controller answers to the noise or not."""
+    """``plain → (2 + answer σ²) / (1 + σ²)``, whether a controller answers to the noise or not.
+
+    More inertia in the fast motion than in the slow one is no noise.
+    """
     found = compare_shaken(1, noise, answer)
     lost = 1.0 - (2.0 + answer * noise**2) / (1.0 + noise**2) / 2.0
     assert found.attenuation[0] == pytest.approx(lost, abs=0.06)
     np.testing.assert_allclose(found.instrumental, [2.0, 1.0], rtol=0.15)
     np.testing.assert_array_equal(found.is_hiding, [lost > 0.1, False])
-
-
-def test_more_inertia_in_fast_motion_is_no_noise() -> None:
-    found = compare_shaken(2, noise=1.0, answer=4.0)
-    assert found.plain[0] > found.instrumental[0]
-    assert not found.is_hiding[0]
 
 
 def test_deviation_of_what_noise_takes_is_its_scatter() -> None:

@@ -91,13 +91,3 @@ def test_what_a_lag_leaves_open_is_the_change_of_the_estimate_with_it() -> None:
     np.testing.assert_allclose(
         np.diag(wide.covariance - alone.covariance), np.diag(T @ spread @ T.T), rtol=0.1
     )
-
-
-def test_lag_that_is_not_stated_widens_the_deviations_of_friction() -> None:
-    log = record("turret", 0.0, 0.0)
-    known, unknown = (
-        identify(bundled("turret"), [log], holdout="none", filtering=Filtering(alignment=one))
-        for one in (log.dt / 2, None)
-    )
-    assert unknown.names[-3::2] == ("pan.Fv", "tilt.Fv")
-    assert np.all(unknown.estimate.std[-3::2] > 1.2 * known.estimate.std[-3::2])
