@@ -39,7 +39,7 @@ from tests.blind.visibility import rms
 from tests.blind.world import World
 
 RATE = 250.0
-FORMS = [(kind.cause, form) for kind in CATALOGUE.values() for form in kind.known + kind.foreign]
+FORMS = [(kind.cause, form) for kind in CATALOGUE.values() for form in (*kind.known, *kind.foreign)]
 
 
 def make_rig(axes: int) -> Rig:
@@ -223,7 +223,7 @@ def test_a_longer_sample_begins_like_a_shorter_one(stratum: str) -> None:
 
 
 def test_five_blocks_hold_every_form_at_every_size() -> None:
-    count = 5 * sum(len(kind.known + kind.foreign) for kind in PUBLISHED)
+    count = 5 * sum(len(kind.known) + len(kind.foreign) for kind in PUBLISHED)
     hidden = [plan.hidden[0] for plan in sample(count, 0, "single")]
     assert len({(one.cause, one.form, one.share) for one in hidden}) == count
 

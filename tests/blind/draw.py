@@ -21,7 +21,7 @@ CLEAN_BLOCK = 60
 
 
 def _forms(kinds):
-    return [(kind.cause, form) for kind in kinds for form in kind.known + kind.foreign]
+    return [(kind.cause, form) for kind in kinds for form in (*kind.known, *kind.foreign)]
 
 
 def _bare(rng, stratum, count):

@@ -13,7 +13,6 @@ from .excitation import draw_reference, load
 from .habits import Habit, repeated, turning_path
 from .plan import ALIGNED
 from .rig_draw import nominal
-from .rigs import Inertia
 from .scene import FINE_STEP, Scene
 
 LONG_S, LONG_STEP = 120.0, 1e-3
@@ -91,9 +90,7 @@ def given(plan, full, rng):
     if plan.trusted:
         return full
     rig = nominal(rng, full, rng.uniform(0.0, 0.2))
-    body = rig.payload.inertia
-    share = 1.0 + plan.camera_off
-    return rig.with_payload(Inertia(share * body.mass, body.com, share * body.tensor))
+    return rig.with_payload(rig.payload.inertia.times(1.0 + plan.camera_off))
 
 
 def clear_of_alignment(effect):

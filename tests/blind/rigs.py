@@ -25,6 +25,10 @@ class Inertia:
             self.mass, rotation @ self.com + position, rotation @ self.tensor @ rotation.T
         )
 
+    def times(self, share):
+        """A body of the same shape and another mass."""
+        return Inertia(share * self.mass, self.com, share * self.tensor)
+
     def about_origin(self):
         """I_o = I_c + m (cᵀc 1 - c cᵀ), kg m², (3, 3)."""
         c = self.com

@@ -6,34 +6,33 @@ from .base import Context, Effect
 from .drive import (
     ActuatorLag,
     Cogging,
+    CrossTalk,
     DeadZone,
     Delay,
+    Dropouts,
+    HotMotor,
     Saturation,
+    SupplyHum,
     TorqueBias,
     TorqueGain,
     TorqueRipple,
+    TorqueSteps,
+    VoltageLimit,
 )
 from .friction import (
     AsymmetricFriction,
+    BoucWen,
     Drag,
     FrictionDrift,
+    FrictionSpots,
     LoadFriction,
     PlaceFriction,
     Presliding,
+    RubbingStop,
+    StickyBrake,
     Stribeck,
 )
-from .hanging import CableWhip, MountResonance, Rattle, Slosh
-from .outside_drive import CrossTalk, Dropouts, HotMotor, SupplyHum, TorqueSteps, VoltageLimit
-from .outside_world import (
-    BoucWen,
-    Flywheel,
-    FrictionSpots,
-    RubbingStop,
-    SoftBase,
-    StickyBrake,
-    Touch,
-    Wind,
-)
+from .hanging import CableWhip, Flywheel, MountResonance, Rattle, Slosh
 from .rigwide import (
     BaseTilt,
     EncoderOffset,
@@ -41,10 +40,11 @@ from .rigwide import (
     PayloadMass,
     PayloadShift,
     PlatformMotion,
+    SoftBase,
     UnmeasuredMotion,
     diagonal,
 )
-from .structure import Armature, Backlash, CableSpring, JointFlexibility
+from .structure import Armature, Backlash, CableSpring, JointFlexibility, Touch, Wind
 
 PUBLISHED = (
     Stribeck, AsymmetricFriction, LoadFriction, Presliding, PlaceFriction, FrictionDrift, Drag,

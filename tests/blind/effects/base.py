@@ -1,14 +1,17 @@
-"""What a hidden effect is: a frozen description that turns itself into laws of the plant: functions of its state."""
+"""Hidden effects: frozen descriptions that turn themselves into laws of the plant, functions of its state."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from math import inf
-from typing import ClassVar
+from types import MappingProxyType
 
 from ..mjcf import Base
 from ..rigs import Rig
+
+Forms = MappingProxyType
+"""Names of forms with the shape that sets each apart."""
 
 
 @dataclass(frozen=True)
@@ -39,24 +42,30 @@ class Context:
         """Half of the travelled span, rad."""
         return max(0.5 * (self.span[1] - self.span[0]), 1e-3)
 
+    @property
+    def motor(self):
+        """The joint's motor."""
+        return self.rig.motors[self.joint]
+
 
 @dataclass(frozen=True)
-class Effect(ABC):
-    """One cause in one functional form, on one joint (None: the whole rig).
+class Effect:
+    """One cause (`cause`) in one functional form, on one joint (None: the whole rig, as of those not `on_joint`).
 
     `known` forms have the formula that the published table of causes gives, `foreign` ones another; `kin` are published
     causes that come near one from outside. `stage` orders what sits between command and motor. `widest`: how many times
     stronger than its first guess it may become. `stiff` ones need fine steps even in a trial run, and those that ring
     are sized `in_band`, below visibility.CUTOFF_HZ. Where the base moves, `measured` says whether its IMU is logged.
-    Its first own field is how strong it is, `within` these bounds; `told` are its true parameters, else that field."""
+    Its first own field is how strong it is, `within` these bounds; `told` are its true parameters, else that field.
+    Every subclass is a frozen dataclass."""
 
     joint: int | None
     form: str
 
-    cause: ClassVar[str]
-    known = ()
-    foreign = ()
+    known = Forms({})
+    foreign = Forms({})
     kin = ()
+    on_joint = True
     stage = 0
     needs_axes = 1
     widest = 1e6
@@ -67,10 +76,20 @@ class Effect(ABC):
     within = (-inf, inf)
     told = ()
 
+    def __init_subclass__(cls):
+        dataclass(frozen=True)(cls)
+
     @classmethod
-    @abstractmethod
     def draw(cls, rng, context, form):
-        """A first guess of about the wanted size."""
+        """Draw an effect of about the wanted size."""
+        return cls(
+            context.joint if cls.on_joint else None, form, *cls.first_guess(rng, context, form)
+        )
+
+    @staticmethod
+    def first_guess(rng, context, form):
+        """Draw the values of its own fields."""
+        raise NotImplementedError
 
     def scaled(self, k):
         """The same effect, k times as strong."""
@@ -86,12 +105,10 @@ class Effect(ABC):
         """Name of its first own field: how strong it is."""
         return fields(self)[2].name
 
-    @property
-    def own(self):
-        """Its joint, where it must have one."""
-        if self.joint is None:
-            raise ValueError(f"{self.cause}: this effect sits on one joint, and none is given")
-        return self.joint
+    @cached_property
+    def shape(self):
+        """What sets its form apart."""
+        return (self.known | self.foreign)[self.form]
 
     def plant(self, rig):
         """The rig as it truly is with this effect."""
@@ -105,7 +122,7 @@ class Effect(ABC):
         """Further bodies."""
         return ()
 
-    def prepare(self, world):  # noqa: B027 (most effects have nothing to prepare)
+    def prepare(self, world):
         """Change the compiled plant: gravity, encoder offsets, who carries the encoder, how the base moves."""
 
     def drive(self, world):
@@ -121,30 +138,57 @@ class Effect(ABC):
         return None
 
 
-def change_torque(joint, change):
-    """Return the law of a drive: the torque of a joint as a function of what it would be."""
+class JointEffect(Effect):
+    """One formula on one joint; where it needs to remember, `start` returns it anew for each run."""
 
-    def law(state):
-        state.u[joint] = change(state, state.u[joint])
-
-    return law
-
-
-def oppose(dof, torque):
-    """Return the law of a torque that is taken from a degree of freedom."""
-
-    def law(state):
-        state.force[dof] -= torque(state)
-
-    return law
+    def start(self, world):
+        """Return the formula."""
+        return self.formula
 
 
-def rub(joint, extra):
-    """Return the law of more dry friction in both directions, never less than none."""
+class MotorEffect(JointEffect):
+    """Another torque of the motor: a formula of what it would be, the angle and the state."""
 
-    def law(state):
-        more = extra(state)
-        state.plus[joint] = max(state.plus[joint] + more, 0.0)
-        state.minus[joint] = max(state.minus[joint] + more, 0.0)
+    def drive(self, world):
+        joint = self.joint
+        dof = world.dof[joint]
+        formula = self.start(world)
 
-    return law
+        def law(state):
+            state.u[joint] = formula(state.u[joint], state.q[dof], state)
+
+        return law
+
+
+class OpposingEffect(JointEffect):
+    """A torque that is taken from motor or link: a formula of its angle, its speed and the state."""
+
+    on_link = True
+
+    def force(self, world):
+        dof = (world.link_dof if self.on_link else world.dof)[self.joint]
+        formula = self.start(world)
+
+        def law(state):
+            state.force[dof] -= formula(state.q[dof], state.v[dof], state)
+
+        return law
+
+
+class RubbingEffect(JointEffect):
+    """More dry friction, never less than none: a formula of the motor's angle, its speed and the state; `backward` of
+    it against negative speeds."""
+
+    backward = 1.0
+
+    def grip(self, world):
+        joint = self.joint
+        dof = world.dof[joint]
+        formula = self.start(world)
+
+        def law(state):
+            more = formula(state.q[dof], state.v[dof], state)
+            state.plus[joint] = max(state.plus[joint] + more, 0.0)
+            state.minus[joint] = max(state.minus[joint] + self.backward * more, 0.0)
+
+        return law

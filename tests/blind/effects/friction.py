@@ -2,120 +2,96 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import cos, exp, hypot, sqrt
-
-import numpy as np
+from dataclasses import replace
+from math import copysign, cos, exp, hypot, inf, pi, sqrt
 
 from ..draws import draw_sign
-from .base import Effect, oppose, rub
+from .base import Effect, Forms, OpposingEffect, RubbingEffect
 
 
-@dataclass(frozen=True)
-class Stribeck(Effect):
+class Stribeck(RubbingEffect):
     """extra · g(|v| / speed) on top of Coulomb, g falling from 1 to 0; breakaway at Coulomb + extra."""
 
     extra: float
     speed: float
 
     cause = "stribeck"
-    known = ("gaussian",)
-    foreign = ("exponential", "lorentzian")
+    known = Forms({"gaussian": lambda x: exp(-x * x)})
+    foreign = Forms({"exponential": lambda x: exp(-x), "lorentzian": lambda x: 1.0 / (1.0 + x * x)})
     told = ("extra", "speed")
 
-    @classmethod
-    def draw(cls, rng, context, form):
-        speed = context.speed * rng.uniform(0.08, 0.35)
-        return cls(context.joint, form, 1.5 * context.target, speed)
+    @staticmethod
+    def first_guess(rng, context, form):
+        return 1.5 * context.target, context.speed * rng.uniform(0.08, 0.35)
 
-    def grip(self, world):
-        dof = world.dof[self.own]
-        shape = {
-            "gaussian": lambda x: exp(-x * x),
-            "exponential": lambda x: exp(-x),
-            "lorentzian": lambda x: 1.0 / (1.0 + x * x),
-        }[self.form]
-        return rub(self.own, lambda state: self.extra * shape(abs(state.v[dof]) / self.speed))
+    def formula(self, q, v, state):
+        return self.extra * self.shape(abs(v) / self.speed)
 
 
-@dataclass(frozen=True)
-class AsymmetricFriction(Effect):
+class AsymmetricFriction(OpposingEffect, RubbingEffect):
     """Coulomb ± difference/2, or viscous ± difference/2, by direction of motion."""
 
     difference: float
 
     cause = "asymmetric-friction"
-    known = ("coulomb", "viscous")
-    foreign = ("saturating",)
+    known = Forms({"coulomb": lambda half, v: half, "viscous": lambda half, v: half * v})
+    foreign = Forms({"saturating": lambda half, v: half * v / (0.5 + v)})
+    on_link = False
+    backward = -1.0
 
-    @classmethod
-    def draw(cls, rng, context, form):
+    @staticmethod
+    def first_guess(rng, context, form):
         size = 2.0 * context.target * draw_sign(rng)
-        return cls(context.joint, form, size / context.speed if form == "viscous" else size)
+        return (size / context.speed if form == "viscous" else size,)
 
     def parameters(self):
         return {f"{self.form}_difference": self.difference}
 
     def plant(self, rig):
         kind = "viscous" if self.form == "viscous" else "coulomb"
-        return rig.with_friction(self.own, **{kind: 0.6 * abs(self.difference)})
+        return rig.with_friction(self.joint, **{kind: 0.6 * abs(self.difference)})
 
     frozen = plant
 
+    def formula(self, q, v, state):
+        return self.shape(0.5 * self.difference, abs(v))
+
     def force(self, world):
-        dof = world.dof[self.own]
-        half = 0.5 * self.difference
-        viscous = self.form == "viscous"
-        return oppose(dof, lambda state: half * abs(state.v[dof])) if viscous else None
+        return super().force(world) if self.form == "viscous" else None
 
     def grip(self, world):
-        joint = self.own
-        dof = world.dof[self.own]
-        half = 0.5 * self.difference
-
-        def law(state):
-            v = abs(state.v[dof])
-            more = half if self.form == "coulomb" else half * v / (0.5 + v)
-            state.plus[joint] = max(state.plus[joint] + more, 0.0)
-            state.minus[joint] = max(state.minus[joint] - more, 0.0)
-
-        return None if self.form == "viscous" else law
+        return None if self.form == "viscous" else super().grip(world)
 
 
-@dataclass(frozen=True)
-class LoadFriction(Effect):
+class LoadFriction(RubbingEffect):
     """μ · load on top of Coulomb; the load is the motor's torque, gravity's alone, or √(offset² + gravity²)."""
 
     ratio: float
     offset: float
 
     cause = "load-dependent-friction"
-    known = ("total",)
-    foreign = ("gravity", "bearing")
+    known = Forms({"total": lambda u, gravity, offset: abs(u)})
+    foreign = Forms({
+        "gravity": lambda u, gravity, offset: abs(gravity),
+        "bearing": lambda u, gravity, offset: hypot(offset, gravity + 0.5 * u) - offset,
+    })  # fmt: skip
 
-    @classmethod
-    def draw(cls, rng, context, form):
-        return cls(context.joint, form, context.share, 0.7 * context.torque)
+    @staticmethod
+    def first_guess(rng, context, form):
+        return context.share, 0.7 * context.torque
 
     def prepare(self, world):
         world.needs_gravity = world.needs_gravity or self.form != "total"
 
-    def grip(self, world):
-        joint = self.own
-        dof = world.link_dof[self.own]
-        offset = self.offset
-        load = {
-            "total": lambda state: abs(state.u[joint]),
-            "gravity": lambda state: abs(state.gravity[dof]),
-            "bearing": lambda state: (
-                hypot(offset, state.gravity[dof] + 0.5 * state.u[joint]) - offset
-            ),
-        }[self.form]
-        return rub(joint, lambda state: self.ratio * load(state))
+    def start(self, world):
+        joint = self.joint
+        dof = world.link_dof[joint]
+        return lambda q, v, state: (
+            self.ratio * self.shape(state.u[joint], state.gravity[dof], self.offset)
+        )
 
 
-@dataclass(frozen=True)
-class PlaceFriction(Effect):
+class PlaceFriction(RubbingEffect):
     """Coulomb · (1 + s(q)): harmonics of the angle, or one wide stiff place per turn (von Mises)."""
 
     amplitude: float
@@ -123,35 +99,29 @@ class PlaceFriction(Effect):
     phase: float
 
     cause = "position-dependent-friction"
-    known = ("harmonic", "two-harmonics")
-    foreign = ("von-mises",)
+    known = Forms({
+        "harmonic": lambda x, phase: cos(x + phase),
+        "two-harmonics": lambda x, phase: 0.8 * cos(x + phase) + 0.4 * cos(2 * x - phase),
+    })  # fmt: skip
+    foreign = Forms({"von-mises": lambda x, phase: 2.0 * exp(2.0 * (cos(x + phase) - 1.0)) - 0.6})
     told = ("amplitude", "harmonic")
 
-    @classmethod
-    def draw(cls, rng, context, form):
+    @staticmethod
+    def first_guess(rng, context, form):
         lowest = max(1, round(1.5 / context.width))
         harmonic = int(rng.integers(lowest, lowest + 4))
-        return cls(context.joint, form, 1.5 * context.target, harmonic, rng.uniform(-np.pi, np.pi))
+        return 1.5 * context.target, harmonic, rng.uniform(-pi, pi)
 
     def plant(self, rig):
-        return rig.with_friction(self.own, coulomb=1.4 * self.amplitude)
+        return rig.with_friction(self.joint, coulomb=1.4 * self.amplitude)
 
     frozen = plant
 
-    def grip(self, world):
-        dof = world.dof[self.own]
-        k = self.harmonic
-        phase = self.phase
-        shape = {
-            "harmonic": lambda q: cos(k * q + phase),
-            "two-harmonics": lambda q: 0.8 * cos(k * q + phase) + 0.4 * cos(2 * k * q - phase),
-            "von-mises": lambda q: 2.0 * exp(2.0 * (cos(k * q + phase) - 1.0)) - 0.6,
-        }[self.form]
-        return rub(self.own, lambda state: self.amplitude * shape(state.q[dof]))
+    def formula(self, q, v, state):
+        return self.amplitude * self.shape(self.harmonic * q, self.phase)
 
 
-@dataclass(frozen=True)
-class FrictionDrift(Effect):
+class FrictionDrift(RubbingEffect):
     """Coulomb friction that changes over the run: with time, as a warm-up, or with the motor's own heat."""
 
     change: float
@@ -163,38 +133,36 @@ class FrictionDrift(Effect):
     foreign = ("warm-up", "thermal")
     told = ("change", "time_constant")
 
-    @classmethod
-    def draw(cls, rng, context, form):
-        warm_up = context.rig.motors[context.joint].warm_up
-        time_constant = context.seconds if form == "linear" else warm_up
+    @staticmethod
+    def first_guess(rng, context, form):
+        time_constant = context.seconds if form == "linear" else context.motor.warm_up
         change = 1.7 * float(rng.choice([-1.0, -1.0, 1.0])) * context.target
-        return cls(context.joint, form, change, time_constant, context.torque**2)
+        return change, time_constant, context.torque**2
 
     def plant(self, rig):
-        return rig.with_friction(self.own, coulomb=1.3 * max(-self.change, 0.0))
+        return rig.with_friction(self.joint, coulomb=1.3 * max(-self.change, 0.0))
 
     frozen = plant
 
-    def grip(self, world):
-        joint = self.own
+    def start(self, world):
+        joint = self.joint
         change = self.change
         tau = self.time_constant
         heat = 0.0
 
-        def warmth(state):
+        def warm(q, v, state):
             nonlocal heat
             heat += state.dt / tau * (state.u[joint] ** 2 / self.reference_power - heat)
             return change * min(heat, 1.5)
 
-        if self.form == "linear":
-            return rub(joint, lambda state: change * state.t / tau)
-        if self.form == "warm-up":
-            return rub(joint, lambda state: change * (1.0 - exp(-state.t / tau)))
-        return rub(joint, warmth)
+        return {
+            "linear": lambda q, v, state: change * state.t / tau,
+            "warm-up": lambda q, v, state: change * (1.0 - exp(-state.t / tau)),
+            "thermal": warm,
+        }[self.form]
 
 
-@dataclass(frozen=True)
-class Drag(Effect):
+class Drag(OpposingEffect):
     """-c |v|ᵖ sign v, p = 2 or another power above one."""
 
     coefficient: float
@@ -204,18 +172,15 @@ class Drag(Effect):
     known = ("quadratic",)
     foreign = ("power",)
     told = ("coefficient", "power")
+    on_link = False
 
-    @classmethod
-    def draw(cls, rng, context, form):
+    @staticmethod
+    def first_guess(rng, context, form):
         power = 2.0 if form == "quadratic" else float(rng.choice([1.7, 2.4, 2.8]))
-        return cls(context.joint, form, 0.6 * context.target / context.speed**power, power)
+        return 0.6 * context.target / context.speed**power, power
 
-    def force(self, world):
-        dof = world.dof[self.own]
-        power = self.power - 1.0
-        return oppose(
-            dof, lambda state: self.coefficient * state.v[dof] * abs(state.v[dof]) ** power
-        )
+    def formula(self, q, v, state):
+        return self.coefficient * v * abs(v) ** (self.power - 1.0)
 
 
 def lugre(limit, stroke, damping, stribeck):
@@ -258,7 +223,6 @@ def maxwell_slip(limit, stroke, damping):
     return advance
 
 
-@dataclass(frozen=True)
 class Presliding(Effect):
     """Dry friction that needs a stroke (rad) to build up (Dahl, LuGre, Maxwell-slip), in the place of true stick."""
 
@@ -267,37 +231,35 @@ class Presliding(Effect):
     inertia: float
 
     cause = "presliding"
-    known = ("dahl",)
-    foreign = ("lugre", "maxwell-slip")
+    known = Forms({"dahl": lambda limit, stroke, damping: lugre(limit, stroke, 0.0, 0.0)})
+    foreign = Forms({
+        "lugre": lambda limit, stroke, damping: lugre(limit, stroke, damping, 0.2),
+        "maxwell-slip": maxwell_slip,
+    })  # fmt: skip
     stage = 9
     stiff = True
     widest = 300.0
     told = ("limit", "stroke")
+    grows = "stroke"
+    within = (5e-6, inf)
 
-    @classmethod
-    def draw(cls, rng, context, form):
-        limit = max(context.rig.motors[context.joint].coulomb, 2.5 * context.target)
+    @staticmethod
+    def first_guess(rng, context, form):
+        limit = max(context.motor.coulomb, 2.5 * context.target)
         stroke = 0.005 * min(context.share * context.torque / limit, 1.0) + 2e-4
-        return cls(context.joint, form, limit, stroke, context.inertia)
-
-    def scaled(self, k):
-        return replace(self, stroke=max(k * self.stroke, 5e-6))
+        return limit, stroke, context.inertia
 
     def plant(self, rig):
-        return rig.with_friction(self.own, coulomb=self.limit)
+        return rig.with_friction(self.joint, coulomb=self.limit)
 
     frozen = plant
 
     def grip(self, world):
         """Whatever limit other causes have set is handed to the bristles, as a share of their own."""
-        joint = self.own
-        dof = world.dof[self.own]
+        joint = self.joint
+        dof = world.dof[joint]
         damping = 0.6 * sqrt(self.limit / self.stroke * self.inertia)
-        advance = {
-            "dahl": lambda: lugre(self.limit, self.stroke, 0.0, 0.0),
-            "lugre": lambda: lugre(self.limit, self.stroke, damping, 0.2),
-            "maxwell-slip": lambda: maxwell_slip(self.limit, self.stroke, damping),
-        }[self.form]()
+        advance = self.shape(self.limit, self.stroke, damping)
 
         def law(state):
             pull = advance(state.v[dof], state.dt)
@@ -308,3 +270,102 @@ class Presliding(Effect):
             state.plus[joint] = state.minus[joint] = 0.0
 
         return law
+
+
+# outside the published causes
+
+
+class BoucWen(OpposingEffect):
+    """A cable with hysteresis: ż = v (1 - |z|ⁿ (β sign(v z) + 1 - β)) / stroke, torque -size · z."""
+
+    size: float
+    stroke: float
+    beta: float
+
+    cause = "hysteretic-cable"
+    foreign = Forms({"round": float, "pinched": lambda z: z * abs(z) ** 0.7})
+    kin = ("presliding", "cable-spring")
+
+    @staticmethod
+    def first_guess(rng, context, form):
+        return 1.5 * context.target, rng.uniform(0.1, 0.5) * context.width, 0.6
+
+    def start(self, world):
+        beta = self.beta
+        z = 0.0
+
+        def pull(q, v, state):
+            nonlocal z
+            move = v * state.dt / self.stroke
+            z += move * (1.0 - z * z * (beta * copysign(1.0, v * z) + 1.0 - beta))
+            return self.size * self.shape(z)
+
+        return pull
+
+
+class FrictionSpots(RubbingEffect):
+    """Dirt in the bearing: narrow places, strewn at random, where dry friction is much higher."""
+
+    height: float
+    spots: tuple[tuple[float, float, float], ...]
+
+    cause = "friction-spots"
+    foreign = ("bumps",)
+    kin = ("position-dependent-friction",)
+
+    @staticmethod
+    def first_guess(rng, context, form):
+        low, high = context.span
+        places = rng.uniform(low, high, 5)
+        widths = rng.uniform(0.01, 0.05, 5) * (high - low)
+        heights = rng.uniform(0.3, 1.0, 5)
+        return 4.0 * context.target, tuple(zip(places.tolist(), widths.tolist(), heights.tolist()))
+
+    def formula(self, q, v, state):
+        bumps = [h * exp(-(((q - place) / width) ** 2)) for place, width, h in self.spots]
+        return self.height * sum(bumps)
+
+
+class RubbingStop(OpposingEffect, RubbingEffect):
+    """Near one end of travel something rubs and pushes back: a one-sided soft stop with friction of its own."""
+
+    push: float
+    edge: float
+    width: float
+
+    cause = "rubbing-stop"
+    foreign = Forms({"soft": 2.0, "hard": 1.0})
+    kin = ("cable-spring", "position-dependent-friction")
+
+    @staticmethod
+    def first_guess(rng, context, form):
+        low, high = context.span
+        width = 0.25 * (high - low)
+        return 3.0 * context.target, high - width, width
+
+    def formula(self, q, v, state):
+        return self.push * (max(q - self.edge, 0.0) / self.width) ** self.shape
+
+    def grip(self, world):
+        return RubbingEffect.grip(replace(self, push=0.5 * self.push), world)
+
+
+class StickyBrake(RubbingEffect):
+    """A brake that drags for a while and lets go again: dry friction that comes and goes with time."""
+
+    drag: float
+    period: float
+
+    cause = "dragging-brake"
+    foreign = Forms({
+        "on-off": lambda wave: float(wave > 0.3),
+        "swelling": lambda wave: 0.5 * (1.0 + wave),
+    })  # fmt: skip
+    kin = ("friction-drift",)
+
+    @staticmethod
+    def first_guess(rng, context, form):
+        return 1.5 * context.target, rng.uniform(2.0, 7.0)
+
+    def formula(self, q, v, state):
+        return self.drag * self.shape(cos(2.0 * pi * state.t / self.period))

@@ -1,9 +1,10 @@
-"""Outside the published causes: masses that swing, slide, slosh or ring on the rig."""
+"""Outside the published causes: masses that swing, slide, slosh, ring or spin on the rig."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import pi
+from dataclasses import replace
+from math import cos, pi, sin
+from operator import mul
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from .base import Effect
 Vector = tuple[float, float, float]
 
 
-def direction(rng):
+def draw_direction(rng):
     """Draw a unit vector."""
     vector = rng.normal(size=3)
     return tuple((vector / np.linalg.norm(vector)).tolist())
@@ -25,18 +26,18 @@ def edge_of(rig):
     return float((rig.payload.inertia.mass / 700.0) ** (1.0 / 3.0))
 
 
-def _place(rng, rig, reach):
+def _draw_place(rng, rig, reach):
     """Draw a place within `reach` edges of the payload's."""
     return tuple((reach * edge_of(rig) * rng.uniform(-1.0, 1.0, 3)).tolist())
 
 
-@dataclass(frozen=True)
 class Hanging(Effect):
     """A ball on one or two hinges or slides of its own, on the last link; `frozen` where a rigid model would put it."""
 
     mass: float
     place: Vector
 
+    on_joint = False
     stiff = True
     in_band = True
 
@@ -46,6 +47,10 @@ class Hanging(Effect):
 
     def hinges(self):
         """Return its degrees of freedom."""
+        raise NotImplementedError
+
+    def spring(self, rig):
+        """Return spring and damper of each of its degrees of freedom."""
         raise NotImplementedError
 
     def appendages(self, rig):
@@ -59,9 +64,9 @@ class Hanging(Effect):
         (item,) = self.appendages(rig)
         return rig.with_body(item.parent, item.inertia.seen_from(item.rotation, item.position))
 
-    def spring(self, world, spring, damper):
-        """Return the law of a damped spring on each of its degrees of freedom."""
+    def force(self, world):
         dofs = [world.named(hinge.name) for hinge in self.hinges()]
+        spring, damper = self.spring(world.rig)
 
         def law(state):
             for dof in dofs:
@@ -70,7 +75,6 @@ class Hanging(Effect):
         return law
 
 
-@dataclass(frozen=True)
 class Pendulum(Hanging):
     """A mass that hangs on two hinges: a rigid model has it at its pivot."""
 
@@ -84,7 +88,6 @@ class Pendulum(Hanging):
         return rig.with_body(len(rig.links) - 1, point_mass(self.mass, np.array(self.place)))
 
 
-@dataclass(frozen=True)
 class Slosh(Pendulum):
     """Fluid in the payload: a pendulum with two hinges (or a mass on two sprung slides), lightly damped."""
 
@@ -94,24 +97,23 @@ class Slosh(Pendulum):
     foreign = ("pendulum", "sprung-slides")
     kin = ("payload-shift",)
 
-    @classmethod
-    def draw(cls, rng, context, form):
-        place = _place(rng, context.rig, 0.3)
+    @staticmethod
+    def first_guess(rng, context, form):
+        place = _draw_place(rng, context.rig, 0.3)
         mass = 0.5 * context.share * context.rig.payload.inertia.mass
-        return cls(None, form, mass, place, rng.uniform(0.02, 0.08), rng.uniform(0.03, 0.12))
+        return mass, place, rng.uniform(0.02, 0.08), rng.uniform(0.03, 0.12)
 
     def ball(self, rig):
         lever = self.length if self.form == "pendulum" else 0.0
         return (0.0, 0.0, -lever), 0.3 * self.length
 
-    def force(self, world):
+    def spring(self, rig):
         omega = (9.81 / self.length) ** 0.5
         inertia = self.mass * (self.length**2 if self.form == "pendulum" else 1.0)
         spring = 0.0 if self.form == "pendulum" else inertia * omega**2
-        return self.spring(world, spring, 2.0 * self.damping_ratio * omega * inertia)
+        return spring, 2.0 * self.damping_ratio * omega * inertia
 
 
-@dataclass(frozen=True)
 class CableWhip(Pendulum):
     """A cable that hangs from the first link: a double-hinged pendulum of its own length, well damped."""
 
@@ -119,23 +121,21 @@ class CableWhip(Pendulum):
     foreign = ("pendulum",)
     kin = ("cable-spring",)
 
-    @classmethod
-    def draw(cls, rng, context, form):
+    @staticmethod
+    def first_guess(rng, context, form):
         edge = edge_of(context.rig)
         angle = rng.uniform(-pi, pi)
-        place = (0.8 * edge * float(np.cos(angle)), 0.8 * edge * float(np.sin(angle)), -0.3 * edge)
+        place = (0.8 * edge * cos(angle), 0.8 * edge * sin(angle), -0.3 * edge)
         mass = 0.3 * context.share * context.rig.payload.inertia.mass
-        return cls(None, form, mass, place, rng.uniform(0.08, 0.3))
+        return mass, place, rng.uniform(0.08, 0.3)
 
     def ball(self, rig):
         return (0.0, 0.0, -self.length), 0.2 * self.length
 
-    def force(self, world):
-        damper = 0.1 * self.mass * self.length**2 * (9.81 / self.length) ** 0.5
-        return self.spring(world, 0.0, damper)
+    def spring(self, rig):
+        return 0.0, 0.1 * self.mass * self.length**2 * (9.81 / self.length) ** 0.5
 
 
-@dataclass(frozen=True)
 class Rattle(Hanging):
     """Something loose in the payload: a mass on a slide (or a hinge) that hits stops at both ends of its play."""
 
@@ -146,12 +146,12 @@ class Rattle(Hanging):
     foreign = ("slide", "hinge")
     kin = ("backlash", "payload-shift")
 
-    @classmethod
-    def draw(cls, rng, context, form):
-        place = _place(rng, context.rig, 0.3)
+    @staticmethod
+    def first_guess(rng, context, form):
+        place = _draw_place(rng, context.rig, 0.3)
         mass = context.share * context.rig.payload.inertia.mass
-        play = rng.uniform(0.003, 0.015) if form == "slide" else rng.uniform(0.1, 0.5)
-        return cls(None, form, mass, place, direction(rng), play)
+        play = rng.uniform(*((0.003, 0.015) if form == "slide" else (0.1, 0.5)))
+        return mass, place, draw_direction(rng), play
 
     def ball(self, rig):
         arm = 0.0 if self.form == "slide" else 0.3
@@ -180,7 +180,6 @@ class Rattle(Hanging):
         return law
 
 
-@dataclass(frozen=True)
 class MountResonance(Hanging):
     """A part of the payload (a lens, a screen) on a springy mount of its own, 12–35 Hz."""
 
@@ -193,12 +192,11 @@ class MountResonance(Hanging):
     kin = ("joint-flexibility",)
     widest = 100.0
 
-    @classmethod
-    def draw(cls, rng, context, form):
-        place = _place(rng, context.rig, 0.5)
+    @staticmethod
+    def first_guess(rng, context, form):
+        place = _draw_place(rng, context.rig, 0.5)
         mass = context.rig.payload.inertia.mass * min(3.0 * context.share + 0.03, 0.5)
-        axis = direction(rng)
-        return cls(None, form, mass, place, axis, rng.uniform(12.0, 35.0), rng.uniform(0.02, 0.08))
+        return mass, place, draw_direction(rng), rng.uniform(12.0, 35.0), rng.uniform(0.02, 0.08)
 
     def scaled(self, k):
         hertz = max(self.hertz / max(k / 3.0, 1.0) ** 0.5, 4.0)
@@ -211,8 +209,44 @@ class MountResonance(Hanging):
         kind = "hinge" if self.form == "turning" else "slide"
         return (Hinge("mount", kind, np.array(self.direction)),)
 
-    def force(self, world):
+    def spring(self, rig):
         turning = self.form == "turning"
-        size = self.mass * (0.5 * edge_of(world.rig)) ** 2 if turning else self.mass
+        size = self.mass * (0.5 * edge_of(rig)) ** 2 if turning else self.mass
         omega = 2.0 * pi * self.hertz
-        return self.spring(world, size * omega**2, 2.0 * self.damping_ratio * size * omega)
+        return size * omega**2, 2.0 * self.damping_ratio * size * omega
+
+
+class Flywheel(Effect):
+    """Something spins in the payload: torque -ω × h on the last link, h fixed in it."""
+
+    momentum: float
+    direction: Vector
+
+    cause = "flywheel"
+    foreign = ("steady", "spinning-up")
+    needs_axes = 2
+    on_joint = False
+
+    @staticmethod
+    def first_guess(rng, context, form):
+        return context.target / context.speed, draw_direction(rng)
+
+    def force(self, world):
+        """Q_j = axis_j · (-ω × h), ω = Σ axis_j v_j, all in the world's frame."""
+        data = world.data
+        body = world.model.body(world.rig.links[-1].name).id
+        dofs = world.link_dof
+
+        def law(state):
+            axes = data.xaxis[dofs].tolist()
+            turn = data.xmat[body].tolist()
+            spin = [sum(map(mul, turn[row : row + 3], self.direction)) for row in (0, 3, 6)]
+            rate = [sum(axis[i] * state.v[dof] for axis, dof in zip(axes, dofs)) for i in range(3)]
+            pull = [spin[i - 2] * rate[i - 1] - spin[i - 1] * rate[i - 2] for i in range(3)]
+            size = self.momentum
+            if self.form == "spinning-up":
+                size = size * 2.0 * state.t / world.seconds
+            for axis, dof in zip(axes, dofs):
+                state.force[dof] += size * sum(map(mul, axis, pull))
+
+        return law

@@ -1,9 +1,9 @@
-"""What a model gets wrong of the whole rig: its payload, its encoders, a base that is tilted or moves."""
+"""What a model gets wrong of the whole rig: its payload, its encoders, a base that is tilted, soft or moves."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import inf
+from dataclasses import replace
+from math import inf, pi
 
 import numpy as np
 
@@ -12,57 +12,61 @@ from ..mjcf import DRIVEN, Base
 from ..motion import handheld, profile_s
 from ..rigs import Inertia, rotation_about
 from ..rnea import GRAVITY
-from .base import Effect
-from .hanging import edge_of
+from .base import Effect, Forms
+from .hanging import Vector, edge_of
 
 
-@dataclass(frozen=True)
-class PayloadShift(Effect):
+class RigEffect(Effect):
+    """An effect on the whole rig."""
+
+    on_joint = False
+
+
+class PayloadShift(RigEffect):
     """The payload's centre of mass lies elsewhere than its (trusted) URDF says."""
 
-    shift: tuple[float, float, float]
+    shift: Vector
 
     cause = "payload-shift"
     known = ("rigid",)
 
-    @classmethod
-    def draw(cls, rng, context, form):
+    @staticmethod
+    def first_guess(rng, context, form):
         axis = rng.normal(size=3)
         size = context.target / (9.81 * context.rig.payload.inertia.mass)
-        return cls(None, form, tuple(size * axis / np.linalg.norm(axis)))
+        return (tuple(size * axis / np.linalg.norm(axis)),)
 
     def scaled(self, k):
         return replace(self, shift=tuple(k * x for x in self.shift))
 
     def parameters(self):
-        return dict(zip(("shift_x", "shift_y", "shift_z"), self.shift, strict=True))
+        return dict(zip(("shift_x", "shift_y", "shift_z"), self.shift))
 
     def plant(self, rig):
         body = rig.payload.inertia
         return rig.with_payload(replace(body, com=body.com + np.array(self.shift)))
 
 
-@dataclass(frozen=True)
-class PayloadMass(Effect):
+class PayloadMass(RigEffect):
     """The payload is heavier or lighter by a share: all of it, or by something bolted on off its centre."""
 
     share: float
-    place: tuple[float, float, float]
+    place: Vector
 
     cause = "payload-mass"
     known = ("uniform",)
     foreign = ("bolted-on",)
     within = (-0.8, inf)
 
-    @classmethod
-    def draw(cls, rng, context, form):
+    @staticmethod
+    def first_guess(rng, context, form):
         sign = 1.0 if form == "bolted-on" else draw_sign(rng)
         place = 0.15 * edge_of(context.rig) * rng.uniform(-1.0, 1.0, 3)
-        return cls(None, form, sign * context.share, tuple(place))
+        return sign * context.share, tuple(place)
 
     def plant(self, rig):
         body = rig.payload.inertia
-        extra = Inertia(self.share * body.mass, body.com, self.share * body.tensor)
+        extra = body.times(self.share)
         if self.form == "bolted-on":
             extra = Inertia(extra.mass, body.com + np.array(self.place), 0.02 * extra.tensor)
         return rig.with_payload(body.plus(extra))
@@ -73,22 +77,21 @@ def diagonal(rig):
     return rig.with_inertias(lambda one: replace(one, tensor=np.diag(np.diag(one.tensor))))
 
 
-@dataclass(frozen=True)
-class OffDiagonalInertia(Effect):
+class OffDiagonalInertia(RigEffect):
     """Products of inertia that the (trusted, diagonal) model lacks; `products` are shares of what a body allows."""
 
     strength: float
-    products: tuple[tuple[float, float, float], ...]
+    products: tuple[Vector, ...]
 
     cause = "off-diagonal-inertia"
     known = ("products",)
     needs_axes = 2
     within = (-inf, 0.9)
 
-    @classmethod
-    def draw(cls, rng, context, form):
+    @staticmethod
+    def first_guess(rng, context, form):
         products = rng.uniform(-1.0, 1.0, (len(context.rig.links) + 1, 3))
-        return cls(None, form, min(2.0 * context.share, 0.6), tuple(map(tuple, products)))
+        return min(2.0 * context.share, 0.6), tuple(map(tuple, products))
 
     def plant(self, rig):
         """Products p·√(Σ_a Σ_b)/2 of the second moments Σ: any |p| ≤ 1 leaves a real body."""
@@ -98,14 +101,13 @@ class OffDiagonalInertia(Effect):
             second = 0.5 * np.trace(inertia.tensor) * np.eye(3) - inertia.tensor
             root = np.sqrt(np.diag(second))
             skewed = np.zeros((3, 3))
-            for value, (a, b) in zip(next(rows), ((0, 1), (0, 2), (1, 2)), strict=True):
+            for value, (a, b) in zip(next(rows), ((0, 1), (0, 2), (1, 2))):
                 skewed[a, b] = skewed[b, a] = 0.5 * self.strength * value * root[a] * root[b]
             return replace(inertia, tensor=inertia.tensor - skewed)
 
         return rig.with_inertias(skew)
 
 
-@dataclass(frozen=True)
 class EncoderOffset(Effect):
     """The encoder shows q + o, or, mounted off its centre, q + o + e sin(q + φ)."""
 
@@ -117,23 +119,22 @@ class EncoderOffset(Effect):
     known = ("constant",)
     foreign = ("eccentric",)
 
-    @classmethod
-    def draw(cls, rng, context, form):
+    @staticmethod
+    def first_guess(rng, context, form):
         offset = draw_sign(rng) * context.share
         eccentricity = 0.3 * offset if form == "eccentric" else 0.0
-        return cls(context.joint, form, offset, eccentricity, rng.uniform(-3.0, 3.0))
+        return offset, eccentricity, rng.uniform(-3.0, 3.0)
 
     def scaled(self, k):
         offset = float(np.clip(k * self.offset, -0.5, 0.5))
         return replace(self, offset=offset, eccentricity=offset * (self.eccentricity / self.offset))
 
     def prepare(self, world):
-        world.offset[self.own] += self.offset
-        world.eccentric[self.own] = (self.eccentricity, self.phase)
+        world.offset[self.joint] += self.offset
+        world.eccentric[self.joint] = (self.eccentricity, self.phase)
 
 
-@dataclass(frozen=True)
-class BaseTilt(Effect):
+class BaseTilt(RigEffect):
     """Gravity is not along the base's -z: a tilted base, or one that sinks over to one side during the run."""
 
     angle: float
@@ -145,9 +146,9 @@ class BaseTilt(Effect):
     within = (-inf, 1.0)
     told = ("angle", "heading")
 
-    @classmethod
-    def draw(cls, rng, context, form):
-        return cls(None, form, 2.0 * context.share, rng.uniform(-np.pi, np.pi))
+    @staticmethod
+    def first_guess(rng, context, form):
+        return 2.0 * context.share, rng.uniform(-pi, pi)
 
     def _gravity(self, share):
         axis = np.array([np.cos(self.heading), np.sin(self.heading), 0.0])
@@ -166,26 +167,24 @@ class BaseTilt(Effect):
         return None if self.form == "static" else law
 
 
-@dataclass(frozen=True)
-class PlatformMotion(Effect):
+class PlatformMotion(RigEffect):
     """The base moves along a path that its IMU has measured: sums of sines, or a walking hand."""
 
     size: float
     seed: int
 
     cause = "platform-motion"
-    known = ("sines", "handheld")
+    known = Forms({"sines": profile_s, "handheld": handheld})
     base = Base.DRIVEN
     within = (-inf, 3.0)
 
-    @classmethod
-    def draw(cls, rng, context, form):
-        return cls(None, form, context.share, int(rng.integers(2**31)))
+    @staticmethod
+    def first_guess(rng, context, form):
+        return context.share, int(rng.integers(2**31))
 
     def motion(self):
         """Return the path of the base: position and Euler angles as functions of time."""
-        rng = np.random.default_rng(self.seed)
-        return (profile_s if self.form == "sines" else handheld)(rng, self.size)
+        return self.shape(np.random.default_rng(self.seed), self.size)
 
     def prepare(self, world):
         world.base_path = self.motion().sampled(world.dt, world.seconds)
@@ -196,17 +195,57 @@ class PlatformMotion(Effect):
         path = world.base_path
 
         def law(state):
-            for dof, a in zip(dofs, path(state.t)[2], strict=True):
+            for dof, a in zip(dofs, path(state.t)[2]):
                 state.force[dof] += DRIVEN * a
 
         return law
 
 
-@dataclass(frozen=True)
+# outside the published causes
+
+
 class UnmeasuredMotion(PlatformMotion):
-    """The same moving base, and nobody measured it."""
+    """The same moving base, and nobody measured it; its forms are drawn twice, as known and as foreign ones."""
 
     cause = "unmeasured-platform-motion"
-    foreign = ("sines", "handheld")
+    foreign = PlatformMotion.known
     kin = ("platform-motion",)
     measured = False
+
+
+class SoftBase(RigEffect):
+    """The head stands on damper springs: three ways to shift and three to turn (or only to turn)."""
+
+    compliance: float
+    hertz: float
+    damping_ratio: float
+
+    cause = "soft-base"
+    foreign = Forms({"six-ways": 1.0, "turning": 40.0})
+    kin = ("joint-flexibility", "base-tilt")
+    stiff = True
+    in_band = True
+    base = Base.SPRUNG
+    widest = 200.0
+    within = (0.02, 8.0)
+
+    @staticmethod
+    def first_guess(rng, context, form):
+        return 1.0, rng.uniform(6.0, 14.0), rng.uniform(0.05, 0.3)
+
+    def force(self, world):
+        mass = 2.0 * sum(body.mass for body in world.rig.bodies)
+        inertia = mass * (2.0 * edge_of(world.rig)) ** 2 / 3.0
+        omega = 2.0 * pi * self.hertz / self.compliance**0.5
+        springs = [self.shape * mass * omega**2] * 3 + [inertia * omega**2] * 3
+        damping = 2.0 * self.damping_ratio * omega
+        dampers = [damping * mass] * 3 + [damping * inertia] * 3
+        table = list(zip(world.base_dofs, springs, dampers))
+        sag = 9.81 * mass
+
+        def law(state):
+            for dof, spring, damper in table:
+                state.force[dof] -= spring * state.q[dof] + damper * state.v[dof]
+            state.force[table[2][0]] += sag
+
+        return law

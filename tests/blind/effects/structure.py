@@ -1,19 +1,21 @@
-"""What gives between motor and link, and what pulls across the joint: cable, flexibility, backlash, armature."""
+"""What gives between motor and link, and what pulls across the joint: cable, flexibility, gaps, rotors, wind, hands."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import pi, sinh
+from dataclasses import replace
+from math import cos, exp, pi, sinh
 
 import numpy as np
+from scipy.signal import lfilter
 
 from ..mjcf import Appendage, Hinge
 from ..rigs import Inertia
-from .base import Effect, oppose
+from .base import Effect, Forms, OpposingEffect
+
+GUST_RATE = 200.0
 
 
-@dataclass(frozen=True)
-class CableSpring(Effect):
+class CableSpring(OpposingEffect):
     """-k x - k₃ x³, x = q - rest; or a stop that stiffens exponentially, or a cable that is slack for a while."""
 
     stiffness: float
@@ -25,41 +27,38 @@ class CableSpring(Effect):
     known = ("linear", "cubic")
     foreign = ("exponential", "slack")
 
-    @classmethod
-    def draw(cls, rng, context, form):
+    @staticmethod
+    def first_guess(rng, context, form):
         width = context.width
         cubic = 2.0 * context.target / width**3 if form == "cubic" else 0.0
         stiffness = (0.5 if cubic else 1.0) * (2.0 * context.target / width)
         low, high = context.span
-        rest = float(low + (high - low) * rng.uniform(0.25, 0.75))
-        return cls(context.joint, form, stiffness, cubic, rest, width)
+        return stiffness, cubic, low + (high - low) * rng.uniform(0.25, 0.75), width
 
     def scaled(self, k):
         return replace(self, stiffness=k * self.stiffness, cubic=k * self.cubic)
 
-    def parameters(self):
-        more = {"cubic": self.cubic} if self.form == "cubic" else {}
-        return {"stiffness": self.stiffness, "rest": self.rest, **more}
+    @property
+    def told(self):
+        """Its parameters; a straight spring has no cubic one."""
+        return ("stiffness", "rest", "cubic") if self.form == "cubic" else ("stiffness", "rest")
 
-    def force(self, world):
-        dof = world.link_dof[self.own]
+    def formula(self, q, v, state):
+        x = q - self.rest
         k = self.stiffness
-        slack = 0.3 * self.width
-        steep = 3.0 / self.width
-        pull = {
-            "linear": lambda x: k * x,
-            "cubic": lambda x: k * x + self.cubic * x**3,
-            "exponential": lambda x: 0.3 * k / steep * sinh(min(max(steep * x, -8.0), 8.0)),
-            "slack": lambda x: k * (max(x - slack, 0.0) + min(x + slack, 0.0)),
-        }[self.form]
-        return oppose(dof, lambda state: pull(state.q[dof] - self.rest))
+        if self.form == "slack":
+            slack = 0.3 * self.width
+            return k * (max(x - slack, 0.0) + min(x + slack, 0.0))
+        if self.form == "exponential":
+            steep = 3.0 / self.width
+            return 0.3 * k / steep * sinh(min(max(steep * x, -8.0), 8.0))
+        return k * x + self.cubic * x**3
 
 
-@dataclass(frozen=True)
 class TwoMasses(Effect):
     """A rotor on the joint's axis, joined to its link by something that gives; motor, bearing, encoder on the rotor."""
 
-    rotor: float
+    rotor_inertia: float
     link: float
 
     stiff = True
@@ -67,29 +66,33 @@ class TwoMasses(Effect):
     widest = 300.0
 
     def appendages(self, rig):
-        link = rig.links[self.own]
+        link = rig.links[self.joint]
         hinge = Hinge("rotor", "hinge", link.axis)
-        tensor = self.rotor * (0.55 * np.eye(3) + 0.45 * np.outer(link.axis, link.axis))
+        tensor = self.rotor_inertia * (0.55 * np.eye(3) + 0.45 * np.outer(link.axis, link.axis))
         inertia = Inertia(0.05 * link.inertia.mass, np.zeros(3), tensor)
         place = (link.position, (hinge,), inertia, link.rotation)
-        return (Appendage("rotor", self.own - 1, *place),)
+        return (Appendage("rotor", self.joint - 1, *place),)
 
     def frozen(self, rig):
         (rotor,) = self.appendages(rig)
-        return rig.with_body(self.own, rotor.inertia)
+        return rig.with_body(self.joint, rotor.inertia)
 
     def prepare(self, world):
-        world.dof[self.own] = world.named("rotor")
+        world.dof[self.joint] = world.named("rotor")
 
     @property
     def reduced(self):
         """J_r J_l / (J_r + J_l): what swings against the spring, kg m²."""
-        return self.rotor * self.link / (self.rotor + self.link)
+        return self.rotor_inertia * self.link / (self.rotor_inertia + self.link)
 
-    def couple(self, world, pull):
-        """Return the law of a torque between rotor and link, by their twist and its rate."""
-        rotor = world.dof[self.own]
-        link = world.link_dof[self.own]
+    def start(self, world):
+        """Return the torque between rotor and link by their twist and its rate."""
+        raise NotImplementedError
+
+    def force(self, world):
+        rotor = world.dof[self.joint]
+        link = world.link_dof[self.joint]
+        pull = self.start(world)
 
         def law(state):
             torque = pull(state.q[rotor] - state.q[link], state.v[rotor] - state.v[link])
@@ -99,7 +102,6 @@ class TwoMasses(Effect):
         return law
 
 
-@dataclass(frozen=True)
 class JointFlexibility(TwoMasses):
     """Two masses and a spring: linear, or one that hardens with its twist."""
 
@@ -109,6 +111,7 @@ class JointFlexibility(TwoMasses):
     cause = "joint-flexibility"
     known = ("linear",)
     foreign = ("hardening",)
+    told = ("stiffness", "rotor_inertia", "resonance_hz")
 
     @classmethod
     def draw(cls, rng, context, form):
@@ -121,48 +124,43 @@ class JointFlexibility(TwoMasses):
         softest, hardest = (self.reduced * (2.0 * pi * f) ** 2 for f in (5.0, 180.0))
         return replace(self, stiffness=min(max(self.stiffness / k, softest), hardest))
 
-    def parameters(self):
-        hertz = float(np.sqrt(self.stiffness / self.reduced)) / (2.0 * pi)
-        return {"stiffness": self.stiffness, "rotor_inertia": self.rotor, "resonance_hz": hertz}
+    @property
+    def resonance_hz(self):
+        """Where the two masses swing against each other, Hz."""
+        return float(np.sqrt(self.stiffness / self.reduced)) / (2.0 * pi)
 
-    def force(self, world):
+    def start(self, world):
         k = self.stiffness
         damping = 2.0 * self.damping_ratio * float(np.sqrt(k * self.reduced))
-        scale = 0.5 * world.rig.motors[self.own].tau_max / k
-        pull = {
+        scale = 0.5 * world.rig.motors[self.joint].tau_max / k
+        return {
             "linear": lambda x, rate: k * x + damping * rate,
             "hardening": lambda x, rate: 0.7 * k * x * (1.0 + (x / scale) ** 2) + damping * rate,
         }[self.form]
-        return self.couple(world, pull)
 
 
-@dataclass(frozen=True)
 class Backlash(TwoMasses):
     """A gap between rotor and link, with stiff damped flanks: linear, or Hertzian (power 3/2)."""
 
     gap: float
 
     cause = "backlash"
-    known = ("linear-flanks",)
-    foreign = ("hertz-flanks",)
+    known = Forms({"linear-flanks": (250.0, 1.0)})
+    foreign = Forms({"hertz-flanks": (130.0, 1.5)})
+    told = ("gap", "rotor_inertia")
+    grows = "gap"
+    within = (1e-4, 0.15)
 
-    @classmethod
-    def draw(cls, rng, context, form):
+    @staticmethod
+    def first_guess(rng, context, form):
         rotor = context.inertia * rng.uniform(0.15, 0.5)
-        gap = float(np.clip(0.5 * context.share**2, 2e-4, 0.02))
-        return cls(context.joint, form, rotor, context.inertia, gap)
+        return rotor, context.inertia, float(np.clip(0.5 * context.share**2, 2e-4, 0.02))
 
-    def scaled(self, k):
-        return replace(self, gap=min(max(k * self.gap, 1e-4), 0.15))
-
-    def parameters(self):
-        return {"gap": self.gap, "rotor_inertia": self.rotor}
-
-    def force(self, world):
-        hertz, power = (250.0, 1.0) if self.form == "linear-flanks" else (130.0, 1.5)
+    def start(self, world):
+        hertz, power = self.shape
         stiffness = self.reduced * (2.0 * pi * hertz) ** 2
         damping = 0.4 * float(np.sqrt(stiffness * self.reduced))
-        soft = (0.1 * world.rig.motors[self.own].tau_max / stiffness) ** (1.0 - power)
+        soft = (0.1 * world.rig.motors[self.joint].tau_max / stiffness) ** (1.0 - power)
 
         def pull(twist, rate):
             depth = abs(twist) - 0.5 * self.gap
@@ -171,10 +169,9 @@ class Backlash(TwoMasses):
             side = 1.0 if twist > 0.0 else -1.0
             return side * max(stiffness * soft * depth**power + side * damping * rate, 0.0)
 
-        return self.couple(world, pull)
+        return pull
 
 
-@dataclass(frozen=True)
 class Armature(Effect):
     """a q̈ on one joint: a geared rotor's reflected inertia."""
 
@@ -184,11 +181,82 @@ class Armature(Effect):
     known = ("reflected",)
     needs_axes = 2
 
-    @classmethod
-    def draw(cls, rng, context, form):
-        return cls(context.joint, form, context.inertia * context.share)
+    @staticmethod
+    def first_guess(rng, context, form):
+        return (context.inertia * context.share,)
 
     def plant(self, rig):
         values = list(rig.armature)
-        values[self.own] += self.inertia
+        values[self.joint] += self.inertia
         return replace(rig, armature=tuple(values))
+
+
+# outside the published causes
+
+
+class Wind(OpposingEffect):
+    """Gusts: a coloured torque with a corner at `hertz`; steady in strength, or in squalls."""
+
+    strength: float
+    hertz: float
+    seed: int
+
+    cause = "wind"
+    foreign = ("steady", "squalls")
+
+    @staticmethod
+    def first_guess(rng, context, form):
+        return context.target, rng.uniform(0.3, 4.0), int(rng.integers(2**31))
+
+    def _gusts(self, seconds):
+        """Two first-order filters in a row over white noise, unit rms, GUST_RATE a second."""
+        rng = np.random.default_rng(self.seed)
+        count = int(seconds * GUST_RATE) + 3
+        keep = exp(-2.0 * pi * self.hertz / GUST_RATE)
+        low_pass = [1.0 - keep], [1.0, -keep]
+        path = lfilter(*low_pass, lfilter(*low_pass, rng.normal(size=count)))
+        if self.form == "squalls":
+            path *= np.maximum(np.sin(2.0 * pi * np.arange(count) / GUST_RATE / 7.0), 0.0)
+        return (self.strength * path / np.sqrt(np.mean(path**2))).tolist()
+
+    def start(self, world):
+        gusts = self._gusts(world.seconds)
+
+        def blow(q, v, state):
+            x = state.t * GUST_RATE
+            i = int(x)
+            return -(gusts[i] + (x - i) * (gusts[i + 1] - gusts[i]))
+
+        return blow
+
+
+class Touch(OpposingEffect):
+    """A hand that now and then pushes for a moment: raised cosines at random times."""
+
+    push: float
+    seed: int
+
+    cause = "human-touch"
+    foreign = ("pushes",)
+    kin = ("outliers",)
+
+    @staticmethod
+    def first_guess(rng, context, form):
+        return 5.0 * context.target, int(rng.integers(2**31))
+
+    def start(self, world):
+        rng = np.random.default_rng(self.seed)
+        count = max(2, int(world.seconds / 6.0))
+        starts = np.sort(rng.uniform(0.03, 0.95, count) * world.seconds)
+        lengths = rng.uniform(0.15, 0.9, count)
+        sizes = self.push * rng.normal(size=count)
+        pushes = np.column_stack([starts, lengths, sizes]).tolist()
+
+        def touch(q, v, state):
+            torque = 0.0
+            for start, length, size in pushes:
+                if start <= state.t < start + length:
+                    torque += 0.5 * size * (1.0 - cos(2.0 * pi * (state.t - start) / length))
+            return torque
+
+        return touch
