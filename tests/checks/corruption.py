@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfilt
 
-from gimbal_pin.log import Log
+from gimbal_pin.log import Array, Log
+
+
+def substitute(log: Log, channel: str, joint: int, column: Array) -> Log:
+    """Return the log with another column for one joint."""
+    values = getattr(log, channel).copy()
+    values[:, joint] = column
+    channels: dict[str, Any] = {channel: values}
+    return replace(log, **channels)
 
 
 def plant_clock(
@@ -21,38 +29,29 @@ def plant_clock(
     stale: float = 0.0,
 ) -> Log:
     """Stamp the samples late and early by `jitter` periods rms, cut holes of 0.1 s, repeat a share of the rows."""
-    n = len(log)
-    rows = np.maximum(np.arange(n) - (rng.random(n) < stale), 0)
-    late = np.clip(jitter * rng.standard_normal(n), -0.49, 0.49) * log.dt
-    lost = np.zeros(n, bool)
-    for start in rng.integers(1, n, holes):
-        lost[start : start + round(0.1 / log.dt)] = True
+    k = np.arange(len(log))
+    rows = np.maximum(k - (rng.random(len(k)) < stale), 0)
+    late = np.clip(jitter * rng.standard_normal(len(k)), -0.49, 0.49) * log.dt
+    length = round(0.1 / log.dt)
+    kept = np.all((k - rng.integers(1, len(k), (holes, 1))) // length != 0, axis=0)
     channels: dict[str, Any] = {name: x[rows] for name, x in log.channels.items()}
-    return replace(log, t=log.t + late, **channels).part(np.flatnonzero(~lost))
+    return replace(log, t=log.t + late, **channels).part(np.flatnonzero(kept))
 
 
 def plant_stuck_channel(
-    log: Log,
-    rng: np.random.Generator,
-    *,
-    channel: str = "tau",
-    seconds: float = 1.5,
-    rail: float | None = None,
+    log: Log, rng: np.random.Generator, *, channel: str = "tau", seconds: float = 1.5
 ) -> Log:
-    """Hold one channel of one joint for some seconds while it is lively, or clip it at a quantile of its size."""
-    values = np.array(getattr(log, channel))
+    """Hold one channel of one joint where it is liveliest; of no seconds clip it to 85 % of its samples' sizes."""
     j = int(rng.integers(len(log.joints)))
-    if rail is not None:
-        end = np.quantile(np.abs(values[:, j]), rail)
-        values[:, j] = np.clip(values[:, j], -end, end)
-    else:
-        length = min(round(seconds / log.dt), len(log) // 2)
-        starts = np.arange(0, len(log) - length, max(length // 4, 1))
-        spread = np.array([np.std(values[k : k + length, j]) for k in starts])
-        begin = int(rng.choice(starts[spread >= np.median(spread)]))
-        values[begin : begin + length, j] = values[begin, j]
-    changes: dict[str, Any] = {channel: values}
-    return replace(log, **changes)
+    column = getattr(log, channel)[:, j].copy()
+    length = round(seconds / log.dt)
+    if length == 0:
+        end = np.quantile(np.abs(column), 0.85)
+        return substitute(log, channel, j, np.clip(column, -end, end))
+    stretches = range(0, len(log) - length, length)
+    begin = max(stretches, key=lambda k: np.std(column[k : k + length]))
+    column[begin : begin + length] = column[begin]
+    return substitute(log, channel, j, column)
 
 
 def plant_outliers(
@@ -62,36 +61,28 @@ def plant_outliers(
     channel: str = "tau",
     size: float = 8.0,
     share: float = 0.002,
-    seconds: float | None = None,
+    seconds: float = 0.0,
 ) -> Log:
     """Add spikes of `size` standard deviations to a share of one channel's samples, or noise over some seconds."""
-    values = np.array(getattr(log, channel))
     j = int(rng.integers(len(log.joints)))
-    n = len(log)
-    spread = size * float(np.std(values[:, j]))
-    if seconds is not None:
-        length = min(round(seconds / log.dt), n // 8)
-        begin = int(rng.integers(n // 8, 7 * n // 8 - length))
-        values[begin : begin + length, j] += 0.25 * spread * rng.standard_normal(length)
-    else:
-        hit = rng.choice(n, max(1, round(share * n)), replace=False)
-        values[hit, j] += (
-            spread * rng.choice([-1.0, 1.0], len(hit)) * rng.uniform(0.5, 1.5, len(hit))
-        )
-    changes: dict[str, Any] = {channel: values}
-    return replace(log, **changes)
+    column = getattr(log, channel)[:, j].copy()
+    hit = rng.permutation(len(log))[: round(share * len(log))]
+    wild = size * rng.choice([-1.0, 1.0], len(hit)) * rng.uniform(0.5, 1.5, len(hit))
+    if seconds:
+        hit = len(log) // 3 + np.arange(round(seconds / log.dt))
+        wild = 2.0 * rng.standard_normal(len(hit))
+    column[hit] += np.std(column) * wild
+    return substitute(log, channel, j, column)
 
 
-def plant_controller_formula(
-    log: Log, rng: np.random.Generator, *, delay: int = 2, noise: float = 0.01
-) -> Log:
-    """Replace the torque by a speed loop's answer to the rate, with so large a share of a current sensor's noise."""
-    assert log.tau is not None
-    v = np.gradient(log.q, log.t, axis=0) if log.v is None else log.v
-    size = np.std(log.tau, axis=0)
-    late = np.concatenate([v[:1].repeat(delay, axis=0), v[: len(v) - delay]])
-    answer = np.mean(log.tau, axis=0) - size / np.maximum(np.std(v, axis=0), 1e-300) * late
-    return replace(log, tau=answer + noise * size * rng.standard_normal(v.shape))
+def plant_controller_formula(log: Log, rng: np.random.Generator, *, delay: int = 2) -> Log:
+    """Replace the torque by a speed loop's answer to the rate, with one per cent of a current sensor's noise."""
+    assert log.tau is not None and log.v is not None
+    late = np.roll(log.v, delay, axis=0)
+    late[:delay] = log.v[0]
+    noise = 0.01 * rng.standard_normal(late.shape)
+    answer = noise - late / np.maximum(np.std(log.v, axis=0), 1e-300)
+    return replace(log, tau=np.mean(log.tau, axis=0) + np.std(log.tau, axis=0) * answer)
 
 
 def plant_filtered_velocity(
@@ -107,17 +98,16 @@ def plant_commanded_torque(log: Log, rng: np.random.Generator) -> Log:
     """Replace the torque by a servo's law of the reference and the angle."""
     assert log.tau is not None and log.q_ref is not None
     pull = log.q_ref - log.q
-    power = np.mean(log.tau**2, axis=0) / np.maximum(np.mean(pull**2, axis=0), 1e-300)
-    return replace(log, tau=pull * np.sqrt(power))
+    return replace(log, tau=pull * np.std(log.tau, axis=0) / np.std(pull, axis=0))
 
 
 def plant_acceleration_noise(
     log: Log, rng: np.random.Generator, *, angle: float = 0.02, rate: float = 1.0
 ) -> Log:
     """Add white noise to the angles, rad, and to the rates, rad/s."""
-    q = log.q + angle * rng.standard_normal(log.q.shape)
-    v = None if log.v is None else log.v + rate * rng.standard_normal(log.q.shape)
-    return replace(log, q=q, v=v)
+    noise = rng.standard_normal((2, *log.q.shape))
+    v = None if log.v is None else log.v + rate * noise[0]
+    return replace(log, q=log.q + angle * noise[1], v=v)
 
 
 CORRUPTIONS: Mapping[str, Callable[..., Log]] = {
