@@ -66,7 +66,7 @@ def find(name: str, rig: Rig, log: Log) -> tuple[Fault, dict[str, float], Log]:
 
 PLANTED: list[tuple[str, dict[str, Any]]] = [
     *((name, {}) for name in CORRUPTIONS),
-    ("clock", {"jitter": 0.0, "holes": 6}),
+    ("clock", {"jitter": 0.0, "holes": 1}),
     ("clock", {"jitter": 0.0, "stale": 0.15}),
     ("stuck-channel", {"channel": "q", "seconds": 0.5}),
     ("stuck-channel", {"channel": "v", "seconds": 0.0}),
