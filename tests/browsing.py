@@ -79,13 +79,9 @@ class Visit:
             session.subscribe("Network.requestWillBeSent", self.ask)
             for domain in ("Runtime", "Log", "Network", "Page"):
                 await tab.send_command(f"{domain}.enable")
-            if url.startswith("file:"):
-                cut = {
-                    "offline": True,
-                    "latency": 0,
-                    "downloadThroughput": -1,
-                    "uploadThroughput": -1,
-                }
+            if not url.startswith("http:"):
+                speeds = dict.fromkeys(("downloadThroughput", "uploadThroughput"), -1)
+                cut = {"offline": True, "latency": 0, **speeds}
                 await tab.send_command("Network.emulateNetworkConditions", cut)
             for step in (go(url), *steps):
                 if isinstance(step, str):
@@ -101,8 +97,8 @@ def go(url: str) -> Step:
         loaded = tab.get_session().subscribe_once("Page.loadEventFired")
         await tab.send_command("Page.navigate", {"url": url})
         await asyncio.wait_for(loaded, 240)
-        while await browser.evaluate(tab, INFLATING):
-            await asyncio.sleep(0.1)
+        await until(f"!({INFLATING})")(tab)
+        await settle(tab)
 
     return done
 
@@ -160,12 +156,17 @@ def load_axe() -> str:
             return script.read().decode()
 
 
-def audit(found: list[Any]) -> Step:
-    """Append what axe-core finds against the page and its frames to a list: page, rule, element and reason."""
+def audit(found: list[Any], *rules: str) -> Step:
+    """Append what axe-core finds against the page and its frames, by these rules or by all, to a list.
+
+    Page, rule, element and reason.
+    """
+    options = {"iframes": False, **({"runOnly": rules} if rules else {})}
+    given = f"var axeSource = {json.dumps(load_axe())}, axeOptions = {json.dumps(options)}; 0"
 
     async def done(tab: Any) -> None:
-        await until(f"!({LOADING})")(tab)
-        await browser.evaluate(tab, f"var axeSource = {json.dumps(load_axe())}; 0")
+        await settle(tab)
+        await browser.evaluate(tab, given)
         asked = {"expression": AUDIT, "awaitPromise": True, "returnByValue": True}
         # In a frame that is left for another page it never ends.
         answer = await asyncio.wait_for(tab.send_command("Runtime.evaluate", asked), 240)
@@ -176,7 +177,7 @@ def audit(found: list[Any]) -> Step:
 
 AUDIT = """Promise.all([window, ...[...document.querySelectorAll('iframe')].filter(one => one.checkVisibility()).map(
   one => one.contentWindow)].map(shown => { shown.axe ?? shown.eval(axeSource);
-    return shown.axe.run(shown.document, { iframes: false }).then(found => found.violations.flatMap(rule =>
+    return shown.axe.run(shown.document, axeOptions).then(found => found.violations.flatMap(rule =>
       rule.nodes.map(node => [shown.document.title, rule.id, node.target.join(' '), node.failureSummary]))); }))
   .then(every => every.flat())"""
 
@@ -188,10 +189,10 @@ def until(condition: str, seconds: float = 180.0) -> Step:
     """Wait until a script's value is true."""
 
     async def waited(tab: Any) -> None:
-        for _ in range(round(seconds / 0.1)):
+        for _ in range(round(seconds / 0.05)):
             if await browser.evaluate(tab, condition):
                 return
-            await asyncio.sleep(0.1)
+            await asyncio.sleep(0.05)
         raise AssertionError(f"never: {condition}")
 
     return waited
@@ -206,33 +207,37 @@ def pause(seconds: float) -> Step:
     return waited
 
 
+async def settle(tab: Any) -> None:
+    """Wait until the visible frames are there and what was asked of the page is drawn."""
+    await until(f"!({LOADING})")(tab)
+    asked = {"expression": TWO_FRAMES, "awaitPromise": True}
+    await asyncio.wait_for(tab.send_command("Runtime.evaluate", asked), 60)
+
+
+TWO_FRAMES = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+
+
 def wide(pixels: int) -> Step:
     """Give the window a width."""
 
     async def sized(tab: Any) -> None:
         size = {"width": pixels, "height": 900, "deviceScaleFactor": 1, "mobile": False}
         await tab.send_command("Emulation.setDeviceMetricsOverride", size)
-        await asyncio.sleep(0.5)
+        await settle(tab)
 
     return sized
 
 
-def media(kind: str, scheme: str = "light") -> Step:
-    """Show the page on a screen or on paper, light or dark."""
+def media(kind: str = "screen", **wishes: str) -> Step:
+    """Show the page on a screen or on paper, as the reader prefers: `color_scheme="dark"`."""
+    features = [
+        {"name": f"prefers-{name.replace('_', '-')}", "value": wish}
+        for name, wish in wishes.items()
+    ]
 
     async def done(tab: Any) -> None:
-        features = [{"name": "prefers-color-scheme", "value": scheme}]
         await tab.send_command("Emulation.setEmulatedMedia", {"media": kind, "features": features})
-
-    return done
-
-
-def prefer(feature: str, wish: str) -> Step:
-    """Say what the reader prefers, as `prefers-color-scheme` does."""
-
-    async def done(tab: Any) -> None:
-        features = [{"name": f"prefers-{feature}", "value": wish}]
-        await tab.send_command("Emulation.setEmulatedMedia", {"features": features})
+        await settle(tab)
 
     return done
 

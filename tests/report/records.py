@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -18,9 +19,9 @@ from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.dynamics import compute_base
 from gimbal_pin.excitation import predict_estimate
 from gimbal_pin.identification import Identified, identify_several
-from gimbal_pin.log import inspect
+from gimbal_pin.log import inspect, to_json
 from gimbal_pin.pointing import verify
-from gimbal_pin.report import Auto, describe_record
+from gimbal_pin.report import Auto, summary
 from gimbal_pin.rig import Record
 from tests.bench_logs import fourier, prescribed
 from tests.rigs import bundled, spelled
@@ -78,8 +79,13 @@ def tuned(name: str) -> Tuning:
 @cache
 def whole(name: str) -> Auto:
     """Return all of it."""
-    with TemporaryDirectory() as folder:
-        return gp.auto(RIGS[name], [log_of(name)], folder, rng=0, plants=2)
+    wrong = diagnosed(name)
+    found = (identified(name), wrong, wrong.after, tuned(name))
+    steps: Any = record_of(name, "Tracking")
+    judged: Any = record_of(name, "Judgement")
+    log = log_of(name)
+    head = summary(RIGS[name], found[0], found[3], steps, [log], "the model", wrong, judged=judged)
+    return Auto(*found, steps, judged, log.part(slice(0, 500)), {}, "the model", head, wrong.given)
 
 
 def read_folder(name: str, read: Callable[[Path], Record]) -> Record:
@@ -155,6 +161,21 @@ def record_of(name: str, kind: str) -> Record:
 
 
 @cache
+def data_of(name: str, kind: str) -> str:
+    """Return what a record's dictionary holds before anything is shown."""
+    return to_json(record_of(name, kind).to_dict())
+
+
+@cache
 def page_of(name: str, kind: str) -> str:
     """Return the page of a record."""
-    return describe_record(record_of(name, kind)).to_html()
+    data_of(name, kind)
+    with TemporaryDirectory() as folder:
+        record_of(name, kind).report(Path(folder) / "page.html")
+        return (Path(folder) / "page.html").read_text(encoding="utf-8")
+
+
+@cache
+def notebook_of(name: str, kind: str) -> str:
+    """Return what a notebook shows of a record."""
+    return record_of(name, kind)._repr_html_()

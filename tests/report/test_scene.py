@@ -13,16 +13,12 @@ import base64
 import io
 import json
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache, reduce
 from pathlib import Path
 from typing import Any
-from urllib.request import urlopen
-from xml.sax.saxutils import quoteattr
 
-import lxml.html
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -30,7 +26,7 @@ import trimesh
 import umsgpack
 from PIL import Image
 
-from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.errors import GimbalPinError, UsageError
 from gimbal_pin.log import Imu, Log
 from gimbal_pin.report import view
 from gimbal_pin.report.elements import embed
@@ -38,13 +34,12 @@ from gimbal_pin.report.view import figure, output
 from gimbal_pin.report.view.motion import motion, poses
 from gimbal_pin.report.view.scene import scene
 from gimbal_pin.report.view.solids import Y_TO_Z, visuals
-from gimbal_pin.rig import Rig, bundled_rigs
-from tests.browsing import media, needs_browser, pause, prefer, visit
+from gimbal_pin.rig import Rig
+from tests.browsing import go, media, needs_browser, pause, until, visit
 from tests.rigs import bundled, spelled
 
 GHOST = "/meshcat/ghost"
 RIG = "/meshcat/rig"
-EVIL = "</script><!--<script> ]]>&'<img src=x onerror=alert(1)>"
 
 BARE = """<robot name="bare">
   <link name="base"/>
@@ -76,18 +71,14 @@ LUMPED = """<material name="paint"><color rgba="0.2 0.4 0.6 1"/></material>
     <origin xyz="0 0 -0.3" rpy="1 0 0"/></joint>"""
 """A payload lumped into the last joint, another link fixed to the base."""
 
-RIGS = [*bundled_rigs(), "lumped"]
-
-
-def rig_of(name: str) -> Rig:
-    """Return a bundled rig, or the one whose visuals are all on fixed links."""
-    return spelled(BARE.replace("EXTRA", LUMPED)) if name == "lumped" else bundled(name)
+RIG_OF = {"lumped": spelled(BARE.replace("EXTRA", LUMPED)), "handheld": bundled("handheld")}
+"""The rig whose visuals are all on fixed links, and a bundled one."""
 
 
 @pytest.fixture
 def lumped() -> Rig:
     """The rig of three kinds of joints."""
-    return rig_of("lumped")
+    return RIG_OF["lumped"]
 
 
 def sweep(rig: Rig, seconds: float = 2.0) -> Log:
@@ -97,18 +88,12 @@ def sweep(rig: Rig, seconds: float = 2.0) -> Log:
     return Log("sweep", rig.joints, t, 0.5 * np.sin(angle - 0.3), q_ref=0.5 * np.sin(angle))
 
 
-def recorded(page: str) -> dict[str, Any]:
-    """Return what the script of a page plays."""
-    found = re.search(r'<script id="scene" type="application/json">(.*?)</script>', page, re.S)
-    assert found is not None
-    values: dict[str, Any] = json.loads(found[1])
-    return values
-
-
 @cache
 def commands(page: str) -> list[dict[str, Any]]:
     """Return the commands in a recorded page."""
-    return [umsgpack.unpackb(base64.b64decode(text)) for text in recorded(page)["commands"]]
+    found = re.search(r'<script id="scene" type="application/json">(.*?)</script>', page, re.S)
+    assert found is not None
+    return [umsgpack.unpackb(base64.b64decode(text)) for text in json.loads(found[1])["commands"]]
 
 
 def array(packed: Any, width: int) -> np.ndarray:
@@ -198,20 +183,15 @@ def assert_same_set(have: np.ndarray, want: np.ndarray, tolerance: float) -> Non
 # -- where things are --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("name", RIG_OF)
 def test_solids_stand_where_another_kinematics_puts_them(name: str) -> None:
     """Also those of links that are fixed to a moved one or to the base, at rest and in motion."""
-    rig = rig_of(name)
+    rig = RIG_OF[name]
     log = sweep(rig)
     page = view.record(rig, log, fps=30)
-    data = rig.model.createData()
     for frame in (0, 17, 60):
         q = log.q[10 * frame]  # 300 samples and 30 frames per second
         assert_same_set(parts(page, frame=frame), expected(rig, q), 2e-7)
-        pin.framesForwardKinematics(rig.model, data, q)
-        moved = groups(page, frame)
-        for joint, path in enumerate(figure.list_scene_paths(rig, RIG)):
-            np.testing.assert_allclose(world(moved, path), data.oMi[joint].homogeneous, atol=2e-7)
 
 
 def test_the_ghost_stands_where_the_reference_is(lumped: Rig) -> None:
@@ -223,10 +203,10 @@ def test_the_ghost_stands_where_the_reference_is(lumped: Rig) -> None:
     assert not len(parts(view.record(lumped, replace(log, q_ref=None)), GHOST))
 
 
-@pytest.mark.parametrize("name", ["handheld", "lumped"])
+@pytest.mark.parametrize("name", RIG_OF)
 def test_the_line_of_sight_is_plus_x_of_the_camera_frame(name: str) -> None:
     """Of the rig and of its reference."""
-    rig = rig_of(name)
+    rig = RIG_OF[name]
     q = np.random.default_rng(2).uniform(-1, 1, rig.n)
     page = view.record(rig, Log("still", rig.joints, np.zeros(1), q[None], q_ref=-q[None]))
     drawn = {c["path"]: c["object"] for c in commands(page) if c["type"] == "set_object"}
@@ -234,15 +214,13 @@ def test_the_line_of_sight_is_plus_x_of_the_camera_frame(name: str) -> None:
         camera = other_kinematics(rig, sign * q).get_transform(rig.camera_frame, rig.base)
         (beam,) = (x for x in drawn if x.startswith(root) and x.endswith("line of sight"))
         dot = world(groups(page), beam) @ square(drawn[beam]["object"]["children"][-1]["matrix"])
-        length = drawn[beam]["geometries"][0]["height"]
-        end = camera @ [length, 0, 0, 1]
+        end = camera @ [drawn[beam]["geometries"][0]["height"], 0, 0, 1]
         np.testing.assert_allclose(dot[:, 3], end, atol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("seconds", "fps", "speed", "ends"),
     [
-        (2.0, 30, 1.0, [0, 1 / 30, 2]),
         (2.0, 25, 0.5, [0, 1 / 25, 4]),
         (2.01, 10, 1.0, [0, 0.1, 2.01]),
     ],
@@ -336,6 +314,11 @@ def test_every_view_holds_the_rig(aspect: float) -> None:
 @pytest.mark.parametrize(
     ("name", "more", "word"),
     [
+        (
+            "out.html",
+            {"log": Log("a", ("turn",), np.arange(2.0), np.zeros((2, 1)))},
+            "joint 'lift'",
+        ),
         ("out.html", {"fps": 0.0}, "fps"),
         ("out.html", {"speed": -1.0}, "speed"),
         ("out.avi", {}, r"\.avi.*\.mp4"),
@@ -348,40 +331,9 @@ def test_every_view_holds_the_rig(aspect: float) -> None:
 def test_an_argument_that_cannot_be_used_is_refused_by_name(
     lumped: Rig, tmp_path: Path, name: str, more: dict[str, Any], word: str
 ) -> None:
-    with pytest.raises(UsageError, match=word):
-        view.animate(lumped, sweep(lumped), tmp_path / name, **more)
+    with pytest.raises(GimbalPinError, match=word):
+        view.animate(lumped, **{"log": sweep(lumped), **more}, path=tmp_path / name)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_log_that_lacks_a_joint_or_a_sample_is_refused(lumped: Rig) -> None:
-    log = sweep(lumped)
-    with pytest.raises(LogError, match="no joint 'slide'"):
-        view.record(lumped, Log("part", lumped.joints[:2], log.t, log.q[:, :2]))
-    with pytest.raises(LogError, match="no samples"):
-        view.record(lumped, log.part(slice(0, 0)))
-
-
-def elements(page: str) -> Counter[str]:
-    """Return how many elements of each kind a page has."""
-    return Counter(str(one.tag) for one in lxml.html.fromstring(page).iter())
-
-
-def test_a_name_is_no_part_of_a_page(lumped: Rig) -> None:
-    """Of rig, joints, links, log and payload; the pages of a file and of a live view."""
-    text = re.sub(
-        r'(name|link)="([^"]*)"',
-        lambda found: f"{found[1]}={quoteattr(f'{found[2]} {EVIL}')}",
-        BARE.replace("EXTRA", LUMPED),
-    )
-    rig = replace(spelled(text), payload=EVIL)
-    plain = view.record(lumped, sweep(lumped))
-    evil = view.record(rig, replace(sweep(rig), name=EVIL))
-    with view.Live(rig) as live, urlopen(live.url) as answer:
-        served = answer.read().decode()
-    assert elements(evil) == elements(plain)
-    assert elements(served)["script"] == elements(plain)["script"]
-    for page in (evil, served):
-        assert [one["name"] for one in recorded(page)["joints"]] == list(rig.joints)
 
 
 def test_without_chromium_pictures_say_what_to_install_and_html_works(
@@ -391,9 +343,8 @@ def test_without_chromium_pictures_say_what_to_install_and_html_works(
     monkeypatch.setattr(chromium.Chromium, "find_browser", classmethod(lambda _, **__: None))
     with pytest.raises(UsageError, match="apt install chromium"):
         view.animate(lumped, sweep(lumped), tmp_path / "out.gif")
-    assert not list(tmp_path.iterdir())
     view.animate(lumped, sweep(lumped), tmp_path / "out.html")
-    assert (tmp_path / "out.html").stat().st_size > 5e5
+    assert [path.name for path in tmp_path.iterdir()] == ["out.html"]
 
 
 @needs_browser
@@ -419,12 +370,6 @@ def test_a_picture_and_a_film_hold_the_asked_frames(
     assert {path.name for path in tmp_path.iterdir()} == {"still.png", "film.gif"}
 
 
-def pixels(uri: str) -> np.ndarray:
-    """Return a PNG data URI as (height, width, 3)."""
-    data = base64.b64decode(uri.partition(",")[2])
-    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)
-
-
 @needs_browser
 def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path) -> None:
     rig = bundled("thesis")
@@ -436,9 +381,7 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     first, second = (f"pictures([{t}], 320, 180)[0]" for t in (0.5, 1.3))
     seen = visit((tmp_path / "out.html").as_uri(), first, pose, second, pose, first)
     assert seen.complaints == []
-    assert seen.values[4] == seen.values[0]  # whatever was shown before
-    moved = np.abs(pixels(seen.values[0]) - pixels(seen.values[2])).max(axis=2) > 24
-    assert 0.02 < moved.mean() < 0.6
+    assert seen.values[0] == seen.values[4] != seen.values[2]  # whatever was shown before
     data = rig.model.createData()
     stands = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # the viewer's y is up
     for have, row in zip(seen.values[1:4:2], (150, 390)):
@@ -453,6 +396,9 @@ COUNTED = """<head><script>{
 }</script>"""
 DRAWN = "document.querySelector('iframe').contentWindow.frames"
 """How many frames the scene in a page has drawn."""
+FOLD = "document.querySelector('details').open = {}, 0"
+RUNS = f"window.before = {DRAWN}, 0", until(f"{DRAWN} > window.before + 2")
+RESTS = pause(0.3), f"window.before = {DRAWN}, 0", pause(0.3), f"{DRAWN} - window.before"
 
 
 @needs_browser
@@ -463,21 +409,9 @@ def test_a_scene_runs_only_while_it_is_seen(lumped: Rig, tmp_path: Path) -> None
     path = tmp_path / "page.html"
     details = f"<details><summary>scene</summary>{frame}</details>"
     path.write_text(f"<!DOCTYPE html>{details}<p style='height: 3000px'></p>")
-    fold = "document.querySelector('details').open = {}, -1"
-    acts = [
-        fold.format("true"),
-        "scrollTo(0, 2500), -1",
-        "scrollTo(0, 0), -1",
-        fold.format("false"),
-    ]
-    steps = [pause(1.0), DRAWN]
-    for act in acts:
-        steps += [act, pause(1.0), DRAWN, pause(0.7), DRAWN]
-    folded, *counts = [x for x in visit(path.as_uri(), *steps).values if x != -1]
-    assert folded == 0
-    opened, away, back, again = np.reshape(counts, (4, 2)).tolist()
-    assert 0 < opened[0] < opened[1] <= away[0] == away[1] < back[0] < back[1] <= again[0]
-    assert again[0] == again[1]
+    steps = [*RESTS, FOLD.format("true"), *RUNS, "scrollTo(0, 2500), 0", *RESTS]
+    steps += ["scrollTo(0, 0), 0", *RUNS, FOLD.format("false"), *RESTS]
+    assert not any(visit(path.as_uri(), *steps).values)
 
 
 @needs_browser
@@ -490,14 +424,12 @@ def test_a_scene_obeys_the_readers_wishes_and_is_drawn_on_paper(
     picture = "document.querySelector('#meshcat-pane canvas').toDataURL().length"
     bar = "getComputedStyle(document.getElementById('bar')).display"
     ground = "getComputedStyle(document.body).backgroundColor"
-    moves = (pause(1.5), "animator.time > 0")
-    less = prefer("reduced-motion", "reduce")
-    reload = ("location.reload(), -1", pause(2.0))
-    steps = [*moves, ground, prefer("color-scheme", "dark"), ground, less, *reload, *moves]
+    steps = [until("animator.time > 0"), ground, media(color_scheme="dark"), ground]
+    steps += [media(reduced_motion="reduce"), go(path.as_uri()), pause(0.5), "animator.time"]
     steps += [picture, media("print"), f"(dispatchEvent(new Event('beforeprint')), {picture})", bar]
     found = visit(path.as_uri(), *steps)
-    free, light, dark, _, stands, blank, drawn, shown = found.values
+    light, dark, time, blank, drawn, shown = found.values
     assert found.complaints == []
-    assert (free, stands, shown) == (True, False, "none")
+    assert (time, shown) == (0, "none")
     assert light != dark
     assert drawn > 2 * blank
