@@ -36,10 +36,8 @@ def test_every_usual_format_and_name_is_read_and_written_again(tmp_path: Path) -
     found = find_meshes(names, tmp_path / "robot" / "urdf")
     for name, mesh in found.items():
         assert isinstance(mesh, Mesh), f"{name} {mesh}"
-        for again in (
-            mesh,
-            trimesh.load_mesh(trimesh.util.wrap_as_stream(encode_stl(mesh)), file_type="stl"),
-        ):
+        stream = trimesh.util.wrap_as_stream(encode_stl(mesh))
+        for again in (mesh, trimesh.load_mesh(stream, file_type="stl")):
             solid = trimesh.Trimesh(again.vertices, again.faces)
             assert np.allclose(np.sort(solid.bounds, axis=0), BOX.bounds, atol=1e-7)
             assert solid.volume == pytest.approx(BOX.volume, rel=1e-6)
