@@ -1,30 +1,28 @@
-"""`hide`: a plan becomes a rig's files, a log, and the truth about it."""
+"""`hide`: a plan becomes a rig's files, a log, and the truth about it, as JSON: for the scorer's eyes only."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from . import drive_log, people
-from .arm_draw import draw_arm
-from .calibrate import calibrate
-from .corruption import MISMATCHES, Columns, Damage
-from .effects import CATALOGUE, PlatformMotion, diagonal
-from .ledger import settle
-from .logbook import imu, noisy_channels, shaken, temperatures, write_columns
+from . import logbook, stage
+from .effects import CATALOGUE, OUTSIDE, TRUSTED, Effect, PlatformMotion, diagonal
+from .ledger import Ledger, settle
 from .plan import DrivePlan, Plan
-from .rig_draw import draw_rig, nominal
-from .rigs import Rig
-from .scene import draw_scene
-from .sensors import draw_sensors
-from .truth import Blur, Run, describe
-from .visibility import Channels, noise_floor
+from .plant import Trace
+from .rig_draw import draw_arm, draw_rig, nominal
+from .rigs import Array, Rig
+from .scene import Scene, calibrate, share_of, trial
+from .visibility import Channels, Spectrum, noise_floor, projected, seen
+from .world import World
 
 LONGEST_TRIAL_S = 60.0
 """Effects are made as strong as wanted on no more than this of a run."""
 STREAMS = ("rig", "motion", "control", "sensors", "effects", "noise", "log", "damage", "nominal")
+DROWNED = 0.2
+"""Where noise is this share of the smoothed acceleration, naming `acceleration-noise` is no false finding."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +32,30 @@ class Case:
     plan: Plan
     given: Rig
     encoder_bits: int
-    log: Columns
+    log: dict[str, Array]
     truth: dict[str, Any]
 
 
-def _streams(seed):
-    children = np.random.SeedSequence(seed).spawn(len(STREAMS))
-    return {
-        name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)
-    }
+@dataclass(frozen=True)
+class Run:
+    """A plan as it was played: on which stage, with which effects, and where the torque went."""
+
+    plan: Plan
+    scene: Scene
+    effects: tuple[Effect, ...]
+    world: World
+    trace: Trace
+    ledger: Ledger
+
+
+@dataclass(frozen=True)
+class Blur:
+    """What sensor noise does to each joint, (n,): torque balance (N m rms, smoothed) and share of the acceleration;
+    `noise`: its spectrum, where it is not white."""
+
+    floor: Array
+    acceleration: Array
+    noise: Spectrum | None = None
 
 
 def _joint(scene, hidden):
@@ -53,7 +66,7 @@ def _joint(scene, hidden):
     return moving[min(int(hidden.place * len(moving)), len(moving) - 1)]
 
 
-def _drawn(scene, hidden, rng):
+def _effect(scene, hidden, rng):
     """The effect, made as strong as wanted."""
     context = scene.context(_joint(scene, hidden), hidden.share)
     guess = CATALOGUE[hidden.cause].draw(rng, context, hidden.form)
@@ -64,42 +77,42 @@ def hide(plan):
     """Simulate a plan. The same plan gives the same case, to the last bit.
 
     Raises: PlantDivergedError when the controller cannot hold the rig with this effect at any strength."""
-    streams = _streams(plan.seed)
+    children = np.random.SeedSequence(plan.seed).spawn(len(STREAMS))
+    streams = dict(zip(STREAMS, map(np.random.default_rng, children)))
     drive = isinstance(plan, DrivePlan)
-    draw = draw_arm if drive and plan.arm else draw_rig
-    rig = draw(streams["rig"], plan.axes)
+    rig = (draw_arm if drive and plan.arm else draw_rig)(streams["rig"], plan.axes)
     if any(hidden.cause == "off-diagonal-inertia" for hidden in plan.hidden):
         rig = diagonal(rig)
     if drive:
-        rig, scene = people.stage(plan, rig, streams)
+        rig, scene = stage.drive_scene(plan, rig, streams)
     else:
-        sensors = draw_sensors(streams["sensors"], plan.level, plan.rate)
-        scene = draw_scene(streams, rig, sensors, plan)
-    effects = tuple(_drawn(scene, hidden, streams["effects"]) for hidden in plan.hidden)
+        scene = stage.plain_scene(plan, rig, streams)
+    effects = [_effect(scene, hidden, streams["effects"]) for hidden in plan.hidden]
     if drive:
-        effects = tuple(map(people.clear_of_alignment, effects))
-    world, trace = scene.run(effects, scene.substeps(scene.step))
+        effects = [stage.clear_of_alignment(effect) for effect in effects]
+    world, trace = scene.run(effects, scene.step)
     run = Run(plan, scene, effects, world, trace, settle(world, trace))
-    return _drive_case(run, rig, streams) if drive else _case(run, streams)
+    return _drive_case(run, rig, streams) if drive else _plain_case(run, streams)
 
 
-def _case(run, streams):
+def _plain_case(run, streams):
+    """A case as plain sensors show it, its log damaged where the plan says so."""
     plan = run.plan
     scene = run.scene
     trace = run.trace
     reference = run.world.reference
-    noisy = noisy_channels(scene, trace, streams["noise"])
-    extra = shaken(_extra(run, streams["log"]), streams["log"], scene.rate)
-    damage = Damage(write_columns(scene, noisy, extra, streams["log"]))
+    noisy = logbook.noisy_channels(scene, trace, streams["noise"])
+    extra = logbook.shaken(_extra(run, streams["log"]), streams["log"], scene.rate)
+    log = logbook.write_columns(scene, noisy, extra, streams["log"])
+    damage = {}
     if plan.data:
-        damage = MISMATCHES[plan.data](damage.columns, streams["damage"])
+        log, damage = logbook.MISMATCHES[plan.data](log, streams["damage"])
     rate = trace.v if scene.sensors.has_rate else None
     clean = Channels(run.world.encoder(trace.q), rate, trace.command)
     blur = Blur(*noise_floor(reference, noisy, clean, scene.rate))
     spread = streams["nominal"].uniform(0.0, 0.2)
     given = scene.rig if plan.trusted else nominal(streams["nominal"], reference, spread)
-    truth = describe(run, damage, blur)
-    return Case(plan, given, scene.sensors.encoder_bits, damage.columns, truth)
+    return Case(plan, given, scene.sensors.encoder_bits, log, describe(run, damage, blur))
 
 
 def _drive_case(run, full, streams):
@@ -107,12 +120,12 @@ def _drive_case(run, full, streams):
     scene = run.scene
     sensors = scene.sensors
     every = round(scene.rate / run.plan.rate)
-    shown = drive_log.show(sensors, scene, run.trace, every, streams["noise"])
+    shown = logbook.show(sensors, scene, run.trace, every, streams["noise"])
     extra = _extra(run, streams["log"])
-    log = drive_log.written(sensors, scene, shown, extra, streams["log"])
-    noise, acceleration = drive_log.spectrum(sensors, scene, run.world, run.trace, shown)
-    given = people.given(run.plan, full, streams["nominal"])
-    truth = describe(run, Damage(log), Blur(noise.floor(), acceleration, noise))
+    log = logbook.written(sensors, scene, shown, extra, streams["log"])
+    noise, acceleration = logbook.spectrum(sensors, scene, run.world, run.trace, shown)
+    given = stage.given(run.plan, full, streams["nominal"])
+    truth = describe(run, {}, Blur(noise.floor(), acceleration, noise))
     return Case(run.plan, given, sensors.encoder_bits, log, truth)
 
 
@@ -120,14 +133,73 @@ def _extra(run, rng):
     """Base IMU (where the base moves and is measured, and now and then where it stands still) and temperatures."""
     rig = run.scene.rig
     t = run.trace.t
-    effects = run.effects
-    moving = next((e for e in effects if isinstance(e, PlatformMotion)), None)
+    moving = next((e for e in run.effects if isinstance(e, PlatformMotion)), None)
     with_imu = rng.random() < 0.1
     with_temperature = rng.random() < 0.3
     columns = {}
     if moving is not None:
-        columns = imu(rig, t, moving.motion()) if moving.measured else {}
-    elif with_imu and not any(e.cause in ("base-tilt", "soft-base") for e in effects):
-        columns = imu(rig, t, None)
-    warm = temperatures(rig, run.trace, 1.0 / run.scene.rate) if with_temperature else {}
-    return columns | warm
+        columns = logbook.imu(rig, t, moving.motion()) if moving.measured else {}
+    elif with_imu and not any(e.cause in ("base-tilt", "soft-base") for e in run.effects):
+        columns = logbook.imu(rig, t, None)
+    if with_temperature:
+        columns |= logbook.temperatures(rig, run.trace, 1.0 / run.scene.rate)
+    return columns
+
+
+def describe(run, damage, blur):
+    """Everything about a case, keys as they stand in truth.json."""
+    plan = run.plan
+    rig = run.scene.rig
+    faults = {*run.scene.sensors.faults}
+    data = None
+    if plan.data:
+        cause, form = plan.data
+        data = {"cause": cause, "form": form, "parameters": damage}
+        faults.add(cause)
+    if (blur.acceleration > DROWNED).any():
+        faults.add("acceleration-noise")
+    return {
+        "schema": 1,
+        "plan": asdict(plan),
+        "rig": rig.name,
+        "joints": list(rig.joints),
+        "stratum": plan.stratum,
+        "faults": sorted(faults),
+        "data": data,
+        "causes": [_cause(run, *one, blur) for one in zip(run.effects, plan.hidden)],
+        "noise_floor": _by_joint(rig, blur.floor),
+        "sensors": asdict(run.scene.sensors),
+    }
+
+
+def _cause(run, effect, hidden, blur):
+    """What is true of one effect; where several act, its size is that of a trial with it alone."""
+    scene = run.scene
+    rig = scene.rig
+    alone = len(run.effects) == 1
+    world, ledger = (run.world, run.ledger) if alone else trial(scene, effect)
+    trusted = effect.cause in TRUSTED
+    left = projected(world.reference, ledger, scene.rate, trusted)
+    clear = left / np.maximum(blur.floor, 1e-12)
+    if blur.noise is not None:
+        clear = seen(world.reference, ledger, blur.noise, scene.rate, trusted)
+    foreign = effect.form in effect.foreign
+    return {
+        "cause": effect.cause,
+        "form": effect.form,
+        "joint": None if effect.joint is None else rig.joints[effect.joint],
+        "foreign": foreign,
+        "outside": type(effect) in OUTSIDE,
+        "kin": list(effect.kin),
+        "parameters": effect.parameters(),
+        "comparable": not foreign,
+        "target_share": hidden.share,
+        "share": share_of(effect, ledger, scene.rate),
+        "projected_rms": _by_joint(rig, left),
+        "snr": _by_joint(rig, clear),
+    }
+
+
+def _by_joint(rig, values):
+    """A number of each joint by its name."""
+    return dict(zip(rig.joints, values.tolist()))

@@ -22,14 +22,10 @@ class Gains:
 def mass_matrix(rig, q):
     """M(q), kg m², at one pose (n, n)."""
     zero = np.zeros((1, len(q)))
-    weight = inverse_dynamics(rig, q[None], zero, zero)[0]
-    rows = [inverse_dynamics(rig, q[None], zero, unit[None])[0] - weight for unit in np.eye(len(q))]
-    return np.array(rows)
-
-
-def joint_inertia(rig, q):
-    """Diagonal of M(q), kg m², at one pose (n,)."""
-    return np.diag(mass_matrix(rig, q))
+    weight, *rows = (
+        inverse_dynamics(rig, q[None], zero, a[None])[0] for a in (*zero, *np.eye(len(q)))
+    )
+    return np.array(rows) - weight
 
 
 def _draw(rng, inertia, damped, held=()):
@@ -50,7 +46,7 @@ def draw_soft_gains(rng, rig, reference, held):
 
 def draw_gains(rng, rig, reference):
     """A loop a little under or over damped."""
-    return _draw(rng, joint_inertia(rig, reference.q.mean(axis=0)), 1.1)
+    return _draw(rng, np.diag(mass_matrix(rig, reference.q.mean(axis=0))), 1.1)
 
 
 def feed_forward(model, reference, gains):
@@ -59,22 +55,17 @@ def feed_forward(model, reference, gains):
     return reference.dither + gains.trust * torque
 
 
-def closed_loop(world, reference, gains, forward, seen):
+def closed_loop(rig, reference, gains, forward, seen):
     """u = kp (q_ref - q) + kd (dq_ref - dq) + forward, clipped at the motors' limits, of measured q and dq."""
-    limits = [motor.tau_max for motor in world.rig.motors]
-    loop = list(zip(gains.kp.tolist(), gains.kd.tolist(), limits, strict=True))
-    q_ref = reference.q.tolist()
-    dq_ref = reference.dq.tolist()
-    ahead = forward.tolist()
+    loop = list(zip(gains.kp.tolist(), gains.kd.tolist(), rig.tau_max.tolist()))
+    wanted = list(zip(reference.q.tolist(), reference.dq.tolist(), forward.tolist()))
 
     def controller(k, q, v):
-        measured_q, measured_v = seen(k, q, v)
-        rows = zip(loop, q_ref[k], measured_q, dq_ref[k], measured_v, ahead[k], strict=True)
-        command = [kp * (r - x) + kd * (dr - dx) + u for (kp, kd, _), r, x, dr, dx, u in rows]
-        return (
-            measured_q,
-            measured_v,
-            [min(max(u, -top), top) for u, (_, _, top) in zip(command, loop, strict=True)],
-        )
+        measured = seen(k, q, v)
+        command = []
+        for (kp, kd, limit), x_ref, dx_ref, ahead, x, dx in zip(loop, *wanted[k], *measured):
+            u = kp * (x_ref - x) + kd * (dx_ref - dx) + ahead
+            command.append(min(max(u, -limit), limit))
+        return (*measured, command)
 
     return controller

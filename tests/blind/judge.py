@@ -40,10 +40,7 @@ class Judged:
 def judge(truth, diagnosis):
     """Set aside findings of faults that the log truly has, and of what a form brings along besides its cause."""
     faults = set(truth["faults"])
-    besides = {
-        (COMPANY.get((cause["cause"], cause.get("form", ""))), cause["joint"])
-        for cause in truth["causes"]
-    }
+    besides = {(COMPANY.get((one["cause"], one["form"])), one["joint"]) for one in truth["causes"]}
     left = tuple(
         found
         for found in diagnosis["findings"]
@@ -59,7 +56,7 @@ def names_of(finding):
 
 def confident(finding):
     """Whether a finding is told as a fact."""
-    return bool(finding["status"] == "named")
+    return finding["status"] == "named"
 
 
 def same_joint(finding, cause):
@@ -74,16 +71,15 @@ def tells(finding, cause):
 
 def near(finding, cause):
     """The same, or a published cause that comes near one from outside."""
-    return tells(finding, cause) or (
-        bool(names_of(finding) & set(cause["kin"])) and same_joint(finding, cause)
-    )
+    alike = {cause["cause"], *cause["kin"]}
+    return bool(names_of(finding) & alike) and same_joint(finding, cause)
 
 
 def visible(cause, joint=None):
     """Whether the projected effect is VISIBLE noise floors: at this joint, or on its own, or where it is largest."""
     values = cause["snr"]
-    place = joint or cause["joint"]
-    return (max(values.values()) if place is None else values[place]) >= VISIBLE
+    place = joint or cause["joint"] or max(values, key=values.get)
+    return values[place] >= VISIBLE
 
 
 def first_right(case):
@@ -102,19 +98,12 @@ def all_found(case):
     return all(any(tells(found, cause) for found in case.findings) for cause in case.causes)
 
 
-def fault_told(case):
-    """Whether the planted fault of the data is among what is told."""
-    told = {name for found in case.diagnosis["findings"] for name in names_of(found)}
-    return case.truth["data"]["cause"] in told
-
-
 def false_alarm(case):
     """On a log with nothing in it: 1 for any finding, a half for "unknown" (or unexcused "data")."""
     if case.findings:
         return 1.0
-    excused = bool(case.truth["faults"])
-    doubtful = case.verdict == "unknown" or (case.verdict == "data" and not excused)
-    return 0.5 if doubtful else 0.0
+    doubtful = ("unknown",) if case.truth["faults"] else ("unknown", "data")
+    return 0.5 if case.verdict in doubtful else 0.0
 
 
 def gain_recovered(case):
@@ -123,26 +112,24 @@ def gain_recovered(case):
     The oracle leaves the noise floor. None where it gains less than a tenth: there is nothing to recover."""
     cause = case.causes[0]
     size = cause["projected_rms"]
-    joint = cause["joint"] or max(size, key=lambda name: size[name])
-    before = float(case.diagnosis["baseline"]["torque_rmse"][joint])
-    after = float(case.diagnosis["extended"]["torque_rmse"][joint])
-    oracle = float(case.truth["noise_floor"][joint])
+    joint = cause["joint"] or max(size, key=size.get)
+    before, after = (case.diagnosis[key]["torque_rmse"][joint] for key in ("baseline", "extended"))
+    oracle = case.truth["noise_floor"][joint]
     return (before - after) / (before - oracle) if before - oracle > 0.1 * before else None
 
 
 def covered(case):
     """For each parameter of a rightly told cause in a known form: is the truth within 1.96 standard deviations?"""
     hits = []
-    for cause in (item for item in case.causes if item["comparable"]):
-        found = next(
-            (f for f in case.findings if f["cause"] == cause["cause"] and same_joint(f, cause)),
-            None,
-        )
-        for name, true in cause["parameters"].items() if found else ():
+    for cause in case.causes:
+        alike = [f for f in case.findings if f["cause"] == cause["cause"] and same_joint(f, cause)]
+        if not alike or not cause["comparable"]:
+            continue
+        for name, true in cause["parameters"].items():
             usual = READINGS.get((cause["cause"], name), Reading(name))
-            reading = PARTS.get((cause["cause"], cause.get("form", ""), name), usual)
-            told = found["parameters"].get(reading.name) if found and reading else None
-            if reading and told is not None and told.get("std") is not None:
-                off = reading.factor * float(told["value"]) + reading.shift - float(true)
-                hits.append(abs(off) <= 1.96 * abs(reading.factor) * float(told["std"]))
+            reading = PARTS.get((cause["cause"], cause["form"], name), usual)
+            told = alike[0]["parameters"].get(reading.name) if reading else None
+            if told and told.get("std") is not None:
+                off = reading.factor * told["value"] + reading.shift - true
+                hits.append(abs(off) <= 1.96 * abs(reading.factor) * told["std"])
     return hits

@@ -13,10 +13,11 @@ import mujoco
 import numpy as np
 
 from .rigs import Array
-from .stick import dry_friction
 from .world import State
 
 RUNAWAY = 200.0
+TOLERANCE = 1e-13
+ROUNDS = 200
 
 
 class PlantDivergedError(RuntimeError):
@@ -43,62 +44,80 @@ class Trace:
     step_bristle: Array
 
 
+def dry_friction(free, inverse, dofs, plus, minus, dt, friction):
+    """f in [-minus, plus] with f = plus where v⁺ > 0, f = -minus where v⁺ < 0, and v⁺ = 0 wherever f lies between.
+
+    v⁺ = free - dt M⁻¹ f. Projected Gauss–Seidel over the joints (Moreau, time-stepping). `free`, `inverse` (M⁻¹) and
+    `friction` (the last step's, which is changed and returned; zero where there is none) run over all degrees of
+    freedom; the limits plus and minus (N m) over the joints, which sit on `dofs`."""
+    for _ in range(ROUNDS):
+        change = 0.0
+        for i, dof in enumerate(dofs):
+            weights = inverse[dof]
+            held = friction[dof]
+            wanted = held + (free[dof] / dt - sum(map(mul, weights, friction))) / weights[dof]
+            if wanted > plus[i]:
+                wanted = plus[i]
+            elif wanted < -minus[i]:
+                wanted = -minus[i]
+            friction[dof] = wanted
+            change += abs(wanted - held)
+        if change < TOLERANCE:
+            break
+    return friction
+
+
 class Stepper:
     """Owns the state of every degree of freedom and advances it by one step under a held command."""
 
     def __init__(self, world, q, v):
-        self.world, self.model, self.data = world, world.model, world.data
+        self.world = world
         self.state = State(world.dt, world.joints, world.dofs)
         self.time = 0.0
-        self.q = [0.0] * world.dofs
-        self.v = [0.0] * world.dofs
-        self.a = [0.0] * world.dofs
-        for i in range(world.joints):
-            for dof in (world.dof[i], world.link_dof[i]):
-                self.q[dof], self.v[dof] = q[i], v[i]
-        self.dry = [0.0] * world.dofs
-        self.each = tuple(range(world.dofs))
-        self.coulomb = [float(x) for x in world.rig.coulomb]
-        self.viscous = [float(x) for x in world.rig.viscous]
-        self.drives, self.forces, self.grips = (
-            world.laws(kind) for kind in ("drive", "force", "grip")
-        )
-        self._qpos = world.data.qpos
-        self._qvel = world.data.qvel
+        self.q, self.v, self.a, self.dry = ([0.0] * world.dofs for _ in range(4))
+        for dofs in (world.dof, world.link_dof):
+            for dof, angle, speed in zip(dofs, q, v):
+                self.q[dof] = angle
+                self.v[dof] = speed
+        self.coulomb = world.rig.coulomb.tolist()
+        self.viscous = world.rig.viscous.tolist()
+        self.drives, self.forces, self.grips = map(world.laws, ("drive", "force", "grip"))
         self._bias = np.zeros(world.dofs)
-        self._held = np.zeros(world.dofs)
         self._inverse = np.zeros((world.dofs, world.dofs))
         self._eye = np.eye(world.dofs)
+
+    def _bias_at(self, v):
+        """Gravity, Coriolis and centrifugal forces at these speeds, from MuJoCo."""
+        model = self.world.model
+        data = self.world.data
+        data.qvel[:] = v
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, self._bias)
+        return self._bias.tolist()
 
     def _dynamics(self):
         """M⁻¹ and h at the middle of the step, from MuJoCo."""
         state = self.state
-        model = self.model
-        data = self.data
-        self._qpos[:] = state.q
+        model = self.world.model
+        data = self.world.data
+        data.qpos[:] = state.q
         mujoco.mj_fwdPosition(model, data)
         if self.world.needs_gravity:
-            self._qvel[:] = 0.0
-            mujoco.mj_comVel(model, data)
-            mujoco.mj_rne(model, data, 0, self._held)
-            state.gravity = self._held.tolist()
-        self._qvel[:] = state.v
-        mujoco.mj_comVel(model, data)
-        mujoco.mj_rne(model, data, 0, self._bias)
+            state.gravity = self._bias_at(0.0)
+        bias = self._bias_at(state.v)
         mujoco.mj_solveM(model, data, self._inverse, self._eye)
-        return self._inverse.tolist(), self._bias.tolist()
+        return self._inverse.tolist(), bias
 
     def _applied(self, command):
         """Motor, viscous and every other smooth force, on each degree of freedom."""
         state = self.state
-        dofs = self.world.dof
         state.command = command
         state.u = list(command)
         for law in self.drives:
             law(state)
         state.force = [0.0] * self.world.dofs
-        for i, dof in enumerate(dofs):
-            state.force[dof] += state.u[i] - self.viscous[i] * state.v[dof]
+        for dof, u, viscous in zip(self.world.dof, state.u, self.viscous):
+            state.force[dof] += u - viscous * state.v[dof]
         for law in self.forces:
             law(state)
         state.plus = list(self.coulomb)
@@ -110,37 +129,36 @@ class Stepper:
     def step(self, command):
         """Advance by dt; afterwards `state` holds the middle of the step, `q`, `v` its end, `a` its acceleration."""
         state = self.state
+        dofs = self.world.dof
         dt = self.world.dt
-        each = self.each
-        q = self.q
-        v = self.v
-        a = self.a
         half = 0.5 * dt
+        v = self.v
         state.t = self.time + half
-        middle = state.q = [q[i] + half * v[i] for i in each]
-        state.v = [v[i] + half * a[i] for i in each]
+        middle = state.q = [x + half * y for x, y in zip(self.q, v)]
+        state.v = [x + half * y for x, y in zip(v, self.a)]
         inverse, bias = self._dynamics()
-        applied = self._applied(command)
-        net = [applied[i] - bias[i] for i in each]
-        free = [v[i] + dt * sum(map(mul, inverse[i], net)) for i in each]
-        dry = dry_friction(free, inverse, self.world.dof, (state.plus, state.minus), dt, self.dry)
-        ends = [free[i] - dt * sum(map(mul, inverse[i], dry)) for i in each]
-        for j, dof in enumerate(self.world.dof):
-            if -state.minus[j] < dry[dof] < state.plus[j]:
+        net = [x - y for x, y in zip(self._applied(command), bias)]
+        free = [x + dt * sum(map(mul, row, net)) for x, row in zip(v, inverse)]
+        dry = dry_friction(free, inverse, dofs, state.plus, state.minus, dt, self.dry)
+        ends = [x - dt * sum(map(mul, row, dry)) for x, row in zip(free, inverse)]
+        for dof, plus, minus in zip(dofs, state.plus, state.minus):
+            if -minus < dry[dof] < plus:
                 ends[dof] = 0.0
-        self.a = [(ends[i] - v[i]) / dt for i in each]
-        self.q = [middle[i] + half * ends[i] for i in each]
+        self.a = [(x - y) / dt for x, y in zip(ends, v)]
+        self.q = [x + half * y for x, y in zip(middle, ends)]
         self.v = ends
         self.time += dt
 
+    def follow_base(self):
+        """Put a driven base exactly where its path says."""
+        world = self.world
+        for dof, q, v, a in zip(world.base_dofs, *world.base_path(self.time)):
+            self.q[dof] = q
+            self.v[dof] = v
+            self.a[dof] = a
 
-def simulate(
-    world,
-    controller,
-    start,
-    samples,
-    substeps,
-):
+
+def simulate(world, controller, start, samples, substeps):
     """Run `samples` samples of `substeps` steps each; the command of a sample is held until the next;
     `controller`: (sample, true q and v of the encoders' side) → (measured q and v, torque command).
 
@@ -156,12 +174,12 @@ def simulate(
         rows.extend([*q, *v, *measured_q, *measured_v, *command])
         for _ in range(substeps):
             if world.base_path is not None:
-                _follow_base(world, stepper)
+                stepper.follow_base()
             stepper.step(command)
             channels = (stepper.state.q, stepper.state.v, stepper.a, stepper.v, stepper.dry)
-            steps.extend(
-                [*(values[d] for values in channels for d in dofs), *stepper.state.bristle]
-            )
+            for values in channels:
+                steps.extend([values[d] for d in dofs])
+            steps.extend(stepper.state.bristle)
         if not all(abs(x) < RUNAWAY for x in stepper.v):  # also where a speed is not a number
             raise PlantDivergedError(
                 f"speed {max(map(abs, stepper.v)):.3g} rad/s after {stepper.time:.3f} s"
@@ -172,13 +190,4 @@ def simulate(
 
 def _columns(values, channels, width):
     """One array (N, width) for each channel of a flat tape."""
-    table = np.array(values).reshape(-1, channels, width)
-    return [np.ascontiguousarray(table[:, i]) for i in range(channels)]
-
-
-def _follow_base(world, stepper):
-    """Put a driven base exactly where its path says."""
-    for dof, q, v, a in zip(world.base_dofs, *world.base_path(stepper.time), strict=True):
-        stepper.q[dof] = q
-        stepper.v[dof] = v
-        stepper.a[dof] = a
+    return np.ascontiguousarray(np.array(values).reshape(-1, channels, width).transpose(1, 0, 2))

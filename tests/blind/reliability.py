@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,38 +60,38 @@ def alike(name):
     return next((names for names in LOOK_ALIKES if name in names), frozenset({name}))
 
 
-def is_right(case, name, joint):
-    """Whether a cause, or its look-alike, acts visibly at a joint (None: anywhere); None: neither right nor wrong.
+def is_right(case, names, joint):
+    """Whether one of some look-alikes acts visibly at a joint (None: anywhere); None: neither right nor wrong.
 
     Left out are planted causes that are not visible there, faults that the log has by its sensors, what a form brings
     along, and *unknown* where a known cause acts in a foreign form: its rest is no library's. *unknown* is right where
     a cause from outside the library is visible."""
     there = [cause for cause in case.causes if same_joint({"joint": joint}, cause)]
     besides = {COMPANY.get((cause["cause"], cause["form"])) for cause in there}
-    if name in case.truth["faults"] or besides & alike(name):
+    if names & (besides | set(case.truth["faults"])):
         return None
-    if name == "unknown":
-        if any(cause["outside"] and visible(cause, joint) for cause in case.causes):
-            return True
-        return None if any(cause["outside"] or cause["foreign"] for cause in there) else False
-    planted = [cause for cause in there if cause["cause"] in alike(name)]
+    planted = [cause for cause in there if cause["cause"] in names]
+    excused = planted
+    if "unknown" in names:
+        planted = [cause for cause in case.causes if cause["outside"]]
+        excused = [cause for cause in there if cause["outside"] or cause["foreign"]]
     if any(visible(cause, joint) for cause in planted):
         return True
-    return None if planted else False
+    return None if excused else False
 
 
 def claims(case):
     """What a diagnosis states of each cause at each place; look-alikes at one place are one claim of their sum."""
-    sums = {}
+    sums = defaultdict(float)
     for said in case.diagnosis["causes"]:
-        place = alike(str(said["cause"])), said["joint"]
-        sums[place] = sums.get(place, 0.0) + float(said["probability"])
-    judged = [(p, is_right(case, min(names), joint)) for (names, joint), p in sums.items()]
-    return [Claim(min(p, 1.0), right) for p, right in judged if right is not None]
+        sums[alike(str(said["cause"])), said["joint"]] += float(said["probability"])
+    judged = [Claim(min(p, 1.0), is_right(case, *place)) for place, p in sums.items()]
+    return [claim for claim in judged if claim.right is not None]
 
 
 def _is_listed(case, cause):
-    names = frozenset({"unknown"}) if cause["outside"] else alike(cause["cause"])
+    """Whether a diagnosis states any probability of a planted cause."""
+    names = {"unknown"} if cause["outside"] else alike(cause["cause"])
     return any(
         said["cause"] in names and same_joint(said, cause) for said in case.diagnosis["causes"]
     )
@@ -117,8 +118,8 @@ def measure(cases):
             bounds = wilson(right, len(inside))
             bins.append(Bin(k / BINS, (k + 1) / BINS, len(inside), mean, right, bounds))
     error = sum(each.count * abs(each.share - each.mean) for each in bins) / len(every)
-    seen = [(case, cause) for case in stated for cause in case.causes if visible(cause)]
-    return Reliability(tuple(bins), error, len(seen), sum(not _is_listed(*one) for one in seen))
+    listed = [_is_listed(case, one) for case in stated for one in case.causes if visible(one)]
+    return Reliability(tuple(bins), error, len(listed), listed.count(False))
 
 
 def as_figures(found):
@@ -126,10 +127,9 @@ def as_figures(found):
     sure = [each for each in found.bins if each.low >= 0.5]
     right = sum(each.right for each in sure)
     count = sum(each.count for each in sure)
-    ranges = ((0.0, 0.05), (0.0, 0.02))
     name = "expected calibration error, ten bins"
     return [
-        Figure(name, found.error, 0.0, 1.0, found.count, *ranges),
+        Figure(name, found.error, (0.0, 1.0), found.count, (0.0, 0.05), (0.0, 0.02)),
         count_share("causes of 50 % and more that are right", right, count),
         count_share("visible causes that are not listed", found.unlisted, found.planted),
     ]
@@ -139,11 +139,10 @@ def chart(found):
     """Share of right claims over their mean probability, with Wilson bounds."""
     picture = Picture(figsize=(5.0, 5.0), layout="constrained")
     axes = picture.subplots()
-    mean = np.array([each.mean for each in found.bins])
-    share = np.array([each.share for each in found.bins])
-    bounds = np.array([each.bounds for each in found.bins]).T
+    mean, share, low, high = zip(*((x.mean, x.share, *x.bounds) for x in found.bins))
     axes.plot([0.0, 1.0], [0.0, 1.0], "--", label="calibrated")
-    axes.errorbar(mean, share, np.abs(bounds - share), fmt="o-", label="measured, 95 % bounds")
+    off = np.abs(np.array([low, high]) - share)
+    axes.errorbar(mean, share, off, fmt="o-", label="measured, 95 % bounds")
     axes.set(xlabel="stated probability", ylabel="share that is right")
     axes.set_title(f"{found.count} probabilities, calibration error {found.error:.3f}")
     axes.legend()

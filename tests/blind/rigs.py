@@ -11,6 +11,18 @@ Array = NDArray[np.float64]
 EYE = np.eye(3)
 
 
+def put(items, place, item):
+    """Return a tuple with another item at one place."""
+    changed = list(items)
+    changed[place] = item
+    return tuple(changed)
+
+
+def spread_of(mass, com):
+    """Return m (cᵀc 1 - c cᵀ), what a mass adds to the inertia about a point that it is away from, (3, 3)."""
+    return mass * (com @ com * EYE - np.outer(com, com))
+
+
 @dataclass(frozen=True)
 class Inertia:
     """Mass (kg), centre of mass (3, m) and inertia tensor about it (3x3, kg m²), all in one frame."""
@@ -30,20 +42,14 @@ class Inertia:
         return Inertia(share * self.mass, self.com, share * self.tensor)
 
     def about_origin(self):
-        """I_o = I_c + m (cᵀc 1 - c cᵀ), kg m², (3, 3)."""
-        c = self.com
-        return self.tensor + self.mass * (c @ c * EYE - np.outer(c, c))
+        """Inertia about the frame's origin, kg m², (3, 3)."""
+        return self.tensor + spread_of(self.mass, self.com)
 
     def plus(self, other):
         """Both bodies as one rigid body."""
         mass = self.mass + other.mass
         com = (self.mass * self.com + other.mass * other.com) / mass
-        tensor = (
-            self.about_origin()
-            + other.about_origin()
-            - mass * (com @ com * EYE - np.outer(com, com))
-        )
-        return Inertia(mass, com, tensor)
+        return Inertia(mass, com, self.about_origin() + other.about_origin() - spread_of(mass, com))
 
     def vector(self):
         """(m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the origin): what torque is linear in, (10,)."""
@@ -78,21 +84,15 @@ class Payload:
     position: Array
     inertia: Inertia
 
-    @property
-    def on_link(self):
-        """Its inertia in the last link's frame."""
-        return self.inertia.seen_from(self.rotation, self.position)
-
 
 @dataclass(frozen=True)
 class Motor:
     """One joint's motor and bearing; dry friction (N m) and viscous friction (N m s/rad) are the plant's secret."""
 
-    torque_constant: float
-    tau_max: float
     slots: int
     poles: int
-    encoder_bits: int
+    torque_constant: float
+    tau_max: float
     coulomb: float
     viscous: float
     warm_up: float
@@ -118,33 +118,42 @@ class Rig:
     @property
     def bodies(self):
         """One rigid body for each joint, the payload merged into the last."""
-        bodies = [link.inertia for link in self.links]
-        return (*bodies[:-1], bodies[-1].plus(self.payload.on_link))
+        payload = self.payload
+        carried = payload.inertia.seen_from(payload.rotation, payload.position)
+        return [link.inertia for link in self.with_body(-1, carried).links]
+
+    def of_motors(self, kind):
+        """One property of every motor, (n,)."""
+        return np.array([getattr(motor, kind) for motor in self.motors])
 
     @property
     def coulomb(self):
         """Dry friction of each joint, N m, (n,)."""
-        return np.array([motor.coulomb for motor in self.motors])
+        return self.of_motors("coulomb")
 
     @property
     def viscous(self):
         """Viscous friction of each joint, N m s/rad, (n,)."""
-        return np.array([motor.viscous for motor in self.motors])
+        return self.of_motors("viscous")
 
-    def with_motor(self, joint, motor):
-        """A rig with another motor on `joint`."""
-        return replace(self, motors=(*self.motors[:joint], motor, *self.motors[joint + 1 :]))
+    @property
+    def tau_max(self):
+        """Torque limit of each joint, N m, (n,)."""
+        return self.of_motors("tau_max")
 
-    def with_friction(self, joint, **least):
-        """A rig with at least this much `coulomb` (N m) or `viscous` (N m s/rad) friction on `joint`."""
+    def with_motor(self, joint, **least):
+        """A rig with a motor on `joint` that has at least this much `tau_max`, `coulomb` or `viscous`."""
         motor = self.motors[joint]
         more = {kind: max(getattr(motor, kind), value) for kind, value in least.items()}
-        return self.with_motor(joint, replace(motor, **more))
+        return replace(self, motors=put(self.motors, joint, replace(motor, **more)))
+
+    def with_link(self, link, **changed):
+        """A rig with another link."""
+        return replace(self, links=put(self.links, link, replace(self.links[link], **changed)))
 
     def with_body(self, link, extra):
         """A rig with `extra` (in the link's frame) frozen to a link."""
-        heavier = replace(self.links[link], inertia=self.links[link].inertia.plus(extra))
-        return replace(self, links=(*self.links[:link], heavier, *self.links[link + 1 :]))
+        return self.with_link(link, inertia=self.links[link].inertia.plus(extra))
 
     def with_inertias(self, change):
         """A rig with every inertia changed, the links' and then the payload's."""
@@ -156,12 +165,19 @@ class Rig:
         return replace(self, payload=replace(self.payload, inertia=inertia))
 
 
+def cube_edge(mass):
+    """Return the edge of a cube of this mass, as dense as cameras are, m."""
+    return float((mass / 700.0) ** (1.0 / 3.0))
+
+
 def point_mass(mass, position):
     """A mass without size at `position`."""
     return Inertia(mass, position, np.zeros((3, 3)))
 
 
 def rotation_about(axis, angle):
-    """Rodrigues: R = 1 + sin θ K + (1 - cos θ) K², with `axis` a unit vector."""
+    """Rodrigues: R = 1 + sin θ K + (1 - cos θ) K², with `axis` a unit vector; of one angle or many, (..., 3, 3)."""
     k = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    return EYE + np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
+    s = np.sin(angle)[..., None, None]
+    c = np.cos(angle)[..., None, None]
+    return EYE + s * k + (1.0 - c) * (k @ k)

@@ -2,92 +2,64 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from .rigs import EYE, Array
+from .rigs import rotation_about
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 CHUNK = 4096
 
 
-@dataclass(frozen=True)
-class LinkMotion:
-    """A link over T samples, in its own frame: turn against its parent (T,3,3), rate, its derivative, acceleration
-    of the origin less gravity (T,3)."""
-
-    turn: Array
-    rate: Array
-    angular: Array
-    linear: Array
+def _carry(linear, angular, rate, lever):
+    """Return what a frame's acceleration is at a lever: a + α × r + ω × (ω × r), (T, 3)."""
+    return linear + np.cross(angular, lever) + np.cross(rate, np.cross(rate, lever))
 
 
-def _turns(axis, fixed, q):
-    """R(q) = fixed · Rodrigues(axis, q), (T, 3, 3)."""
-    k = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    s = np.sin(q)[:, None, None]
-    c = np.cos(q)[:, None, None]
-    return fixed @ (EYE + s * k + (1.0 - c) * (k @ k))
+def _rotate(rotation, x):
+    """Return R x of every sample, (T, 3)."""
+    return np.einsum("tij,tj->ti", rotation, x)
 
 
 def motion(rig, q, v, a):
-    """Outward pass on a fixed base: q v a (T, n) in rad → each link's motion."""
+    """Outward pass on a fixed base: q v a (T, n) in rad → each link's motion in its own frame: turn against its parent
+    (T, 3, 3), rate, its derivative, acceleration of the origin less gravity (T, 3)."""
     rate = angular = np.zeros((len(q), 3))
     linear = np.broadcast_to(-GRAVITY, (len(q), 3))
     chain = []
     for i, link in enumerate(rig.links):
-        turn = _turns(link.axis, link.rotation, q[:, i])
-        carried = (
-            linear
-            + np.cross(angular, link.position)
-            + np.cross(rate, np.cross(rate, link.position))
-        )
+        turn = link.rotation @ rotation_about(link.axis, q[:, i])
+        carried = _carry(linear, angular, rate, link.position)
         inward = turn.transpose(0, 2, 1)
-        rate, angular, linear = (
-            np.einsum("tij,tj->ti", inward, x) for x in (rate, angular, carried)
-        )
+        rate, angular, linear = (_rotate(inward, x) for x in (rate, angular, carried))
         spin = v[:, i, None] * link.axis
         angular = angular + a[:, i, None] * link.axis + np.cross(rate, spin)
         rate = rate + spin
-        chain.append(LinkMotion(turn, rate, angular, linear))
+        chain.append((turn, rate, angular, linear))
     return chain
 
 
-def _wrench(body, theta):
+def _wrench(rate, angular, linear, theta):
     """Newton and Euler about the link's origin: f = m a + α × mc + ω × (ω × mc), n = I α + ω × I ω + mc × a."""
-    mass = theta[0]
     lever = theta[1:4]
-    tensor = np.zeros((3, 3))
-    tensor[np.triu_indices(3)] = theta[4:]
-    tensor = tensor + np.triu(tensor, 1).T
-    force = (
-        mass * body.linear
-        + np.cross(body.angular, lever)
-        + np.cross(body.rate, np.cross(body.rate, lever))
-    )
-    moment = (
-        body.angular @ tensor
-        + np.cross(body.rate, body.rate @ tensor)
-        + np.cross(lever, body.linear)
-    )
-    return force, moment
+    upper = np.zeros((3, 3))
+    upper[np.triu_indices(3)] = theta[4:]
+    tensor = upper + np.triu(upper, 1).T
+    moment = angular @ tensor + np.cross(rate, rate @ tensor) + np.cross(lever, linear)
+    return _carry(theta[0] * linear, angular, rate, lever), moment
 
 
 def torque(rig, chain, thetas):
     """Inward pass: joint torques (T, n), N m, linear in `thetas` (n, 10)."""
-    force = moment = np.zeros_like(chain[0].rate)
-    tau = np.empty((len(force), len(rig.links)))
-    for i in reversed(range(len(rig.links))):
-        link = rig.links[i]
-        body = chain[i]
-        own_force, own_moment = _wrench(body, thetas[i])
+    force = moment = 0.0
+    tau = []
+    for link, (turn, *moving), theta in reversed(list(zip(rig.links, chain, thetas))):
+        own_force, own_moment = _wrench(*moving, theta)
         force = force + own_force
         moment = moment + own_moment
-        tau[:, i] = moment @ link.axis
-        force = np.einsum("tij,tj->ti", body.turn, force)
-        moment = np.einsum("tij,tj->ti", body.turn, moment) + np.cross(link.position, force)
-    return tau
+        tau.append(moment @ link.axis)
+        force = _rotate(turn, force)
+        moment = _rotate(turn, moment) + np.cross(link.position, force)
+    return np.stack(tau[::-1], axis=1)
 
 
 def inverse_dynamics(rig, q, v, a):

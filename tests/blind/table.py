@@ -10,7 +10,6 @@ from .judge import (
     all_found,
     covered,
     false_alarm,
-    fault_told,
     first_right,
     gain_recovered,
     named_wrong,
@@ -30,8 +29,7 @@ class Figure:
 
     name: str
     value: float | None
-    low: float
-    high: float
+    bounds: Range
     count: int
     must: Range | None = None
     aim: Range | None = None
@@ -41,9 +39,35 @@ class Figure:
         """ "PASS", with "aim" where that is reached too, "FAIL", or "-" where there is nothing to grade."""
         if self.value is None or self.must is None:
             return "-"
-        if self.aim is not None and self.aim[0] <= self.value <= self.aim[1]:
+        if self.aim[0] <= self.value <= self.aim[1]:
             return "PASS, aim"
         return "PASS" if self.must[0] <= self.value <= self.must[1] else "FAIL"
+
+    @property
+    def cells(self):
+        """The row as it is printed."""
+        shown = ["–", "–"]
+        if self.value is not None:
+            value, low, high = (f"{100.0 * share:.1f} %" for share in (self.value, *self.bounds))
+            shown = [value, f"{low} … {high}"]
+        return [self.name, *shown, self.count, _range(self.must), _range(self.aim), self.grade]
+
+
+def _range(bounds):
+    """What a figure must be, in words."""
+    if bounds is None:
+        return ""
+    low, high = (100.0 * bound for bound in bounds)
+    if low == 0.0:
+        return f"≤ {high:g} %"
+    return f"≥ {low:g} %" if high >= 100.0 else f"{low:g}–{high:g} %"
+
+
+def text(rows):
+    """The figures as a Markdown table."""
+    heads = ["figure", "value", "95 % bounds", "cases", "must", "aim", ""]
+    lines = [heads, ["---"] * 7, *(row.cells for row in rows)]
+    return "".join(f"| {' | '.join(map(str, cells))} |\n" for cells in lines)
 
 
 def wilson(hits, count):
@@ -57,30 +81,36 @@ def wilson(hits, count):
     return max(centre - half, 0.0), min(centre + half, 1.0)
 
 
-def count_share(name, hits, count, must=None, aim=None):
+def count_share(name, hits, count, *ranges):
     """The figure of a share with its bounds."""
-    return Figure(name, hits / count if count else None, *wilson(hits, count), count, must, aim)
+    return Figure(name, hits / count if count else None, wilson(hits, count), count, *ranges)
 
 
 def _share(name, scores, *ranges):
+    """The figure of some scores of 0 to 1."""
     listed = [float(score) for score in scores]
     return count_share(name, sum(listed), len(listed), *ranges)
 
 
-def _gain(cases):
-    """Median of the recovered gain over rightly told visible effects, bounds from the order statistics."""
-    gains = sorted(
-        g for case in cases if first_right(case) and (g := gain_recovered(case)) is not None
-    )
+def _says(word, cases):
+    """Whether the verdict on each case is this word."""
+    return (case.verdict == word for case in cases)
+
+
+def _median_gain(cases):
+    """The gain recovered over rightly told visible effects, bounds from the order statistics."""
+    found = filter(first_right, cases)
+    gains = sorted(gain for case in found if (gain := gain_recovered(case)) is not None)
+    middle = None
+    bounds = (0.0, 1.0)
+    if gains:
+        middle = median(gains)
+        half = 0.5 * len(gains)
+        spread = 0.5 * Z95 * sqrt(len(gains))
+        last = min(int(half + spread), len(gains) - 1)
+        bounds = (gains[max(int(half - spread), 0)], gains[last])
     name = "held-out gain recovered (median)"
-    must = (0.9, 1.1)
-    aim = (0.99, 1.1)
-    if not gains:
-        return Figure(name, None, 0.0, 1.0, 0, must, aim)
-    spread = 0.5 * Z95 * sqrt(len(gains))
-    low = max(int(0.5 * len(gains) - spread), 0)
-    high = min(int(0.5 * len(gains) + spread), len(gains) - 1)
-    return Figure(name, median(gains), gains[low], gains[high], len(gains), must, aim)
+    return Figure(name, middle, bounds, len(gains), (0.9, 1.1), (0.99, 1.1))
 
 
 def _ambiguous(cases):
@@ -96,66 +126,38 @@ def _ambiguous(cases):
 def score(cases):
     """Every row of the published table, then what else one wants to know; effects count where they are visible."""
 
-    def of(stratum, *, seen=False):
-        chosen = [case for case in cases if case.stratum == stratum]
-        return [case for case in chosen if all(map(visible, case.causes))] if seen else chosen
+    def of(stratum):
+        return [case for case in cases if case.stratum == stratum]
+
+    def seen(stratum):
+        return [case for case in of(stratum) if all(map(visible, case.causes))]
 
     clean = of("clean")
-    singles = of("single", seen=True)
+    singles = seen("single")
+    known = [case for case in singles if not case.causes[0]["foreign"]]
+    foreign = [case for case in singles if case.causes[0]["foreign"]]
     hidden = of("single") + of("pair")
-    known, foreign = (
-        [c for c in singles if c.causes[0]["foreign"] is kind] for kind in (False, True)
-    )
+    outside = seen("outside")
     drive_clean = [case for case in of("drive-clean") if case.verdict != "refused"]
-    drive_single = of("drive-single", seen=True)
-    old = [case for case in cases if case.stratum != "drive-single"]
+    drive_single = seen("drive-single")
+    intervals = [hit for c in cases if c.stratum != "drive-single" for hit in covered(c)]
     return [
         _share("false findings on clean logs", map(false_alarm, clean), (0.0, 0.01), (0.0, 0.001)),
         _share("first name right, known forms", map(first_right, known), (0.95, 1.0), (0.99, 1.0)),
         _share("first name right, foreign forms", map(first_right, foreign), (0.85, 1.0), (0.97, 1.0)),
         _share("named but wrong", map(named_wrong, hidden), (0.0, 0.02), (0.0, 0.002)),
         _share("truth in the class when ambiguous", _ambiguous(hidden), (0.95, 1.0), (0.995, 1.0)),
-        _share("outside the library: unknown", (c.verdict == "unknown" for c in of("outside", seen=True)), (0.8, 1.0),
-               (0.98, 1.0)),
-        _share("two effects, both found", map(all_found, of("pair", seen=True)), (0.85, 1.0), (0.97, 1.0)),
-        _gain(singles),
-        _share("interval coverage at 95 %", (hit for c in old for hit in covered(c)), (0.85, 0.99), (0.93, 0.97)),
-        _share("drive-like, clean: unknown", (c.verdict == "unknown" for c in drive_clean), (0.0, 0.1), (0.0, 0.02)),
+        _share("outside the library: unknown", _says("unknown", outside), (0.8, 1.0), (0.98, 1.0)),
+        _share("two effects, both found", map(all_found, seen("pair")), (0.85, 1.0), (0.97, 1.0)),
+        _median_gain(singles),
+        _share("interval coverage at 95 %", intervals, (0.85, 0.99), (0.93, 0.97)),
+        _share("drive-like, clean: unknown", _says("unknown", drive_clean), (0.0, 0.1), (0.0, 0.02)),
         _share("drive-like, clean: any name", (bool(c.findings) for c in drive_clean), (0.0, 0.01), (0.0, 0.001)),
         _share("drive-like, one cause: right or in the class", map(first_right, drive_single), (0.85, 1.0),
                (0.95, 1.0)),
-        _share("torque late, joints exchanged: data", (c.verdict == "data" for c in of("mismatched")), (1.0, 1.0),
-               (1.0, 1.0)),
-        _share("errors of ours", (c.verdict == "error" for c in cases), (0.0, 0.0), (0.0, 0.0)),
-        _share("clean logs: any name", (bool(case.findings) for case in clean)),
-        _share("outside the library: something named", map(named_wrong, of("outside", seen=True))),
+        _share("torque late, joints exchanged: data", _says("data", of("mismatched")), (1.0, 1.0), (1.0, 1.0)),
+        _share("errors of ours", _says("error", cases), (0.0, 0.0), (0.0, 0.0)),
+        _share("outside the library: something named", map(named_wrong, outside)),
         _share("drive-like, one cause: named but wrong", map(named_wrong, of("drive-single"))),
-        _share("data faults told", map(fault_told, of("mismatched"))),
-        _share("data faults: physics named", map(named_wrong, of("mismatched"))),
-        _share("refused", (case.verdict == "refused" for case in cases)),
+        _share("refused", _says("refused", cases)),
     ]  # fmt: skip
-
-
-def _percent(value):
-    return f"{100.0 * value:.1f} %"
-
-
-def _range(bounds):
-    if bounds is None:
-        return ""
-    low, high = (100.0 * bound for bound in bounds)
-    if low == 0.0:
-        return f"≤ {high:g} %"
-    return f"≥ {low:g} %" if high >= 100.0 else f"{low:g}–{high:g} %"
-
-
-def text(rows):
-    """The figures as a Markdown table."""
-    lines = ["| figure | value | 95 % bounds | cases | must | aim | |", "|---" * 7 + "|"]
-    for row in rows:
-        value = "–" if row.value is None else _percent(row.value)
-        bounds = "–" if row.value is None else f"{_percent(row.low)} … {_percent(row.high)}"
-        lines.append(
-            f"| {row.name} | {value} | {bounds} | {row.count} | {_range(row.must)} | {_range(row.aim)} | {row.grade} |"
-        )
-    return "\n".join(lines) + "\n"

@@ -53,12 +53,18 @@ def rms(x):
 
 def baseline_columns(rig, ledger, rate, trusted):
     """Columns of the refitted model, (N', n, p): rigid (unless trusted), Coulomb with true stick, viscous."""
-    n = len(rig.links)
     q, v, a = (blocks(x, rate) for x in (ledger.q, ledger.v, ledger.a))
     sign = blocks(ledger.dry / np.maximum(rig.coulomb, 1e-12), rate)
-    friction = [x[:, :, None] * np.eye(n) for x in (sign, v)]
+    friction = [x[:, :, None] * np.eye(len(rig.links)) for x in (sign, v)]
     rigid = [] if trusted else [regressor(rig, q, v, a)]
     return np.concatenate([*rigid, *friction], axis=2)
+
+
+def independent(columns):
+    """Those columns (N, p) that are not next to nothing, each of length one."""
+    scale = np.linalg.norm(columns, axis=0)
+    used = columns[:, scale > 1e-9 * scale.max(initial=0.0)]
+    return used / np.linalg.norm(used, axis=0)
 
 
 def projected(rig, ledger, rate, trusted):
@@ -67,9 +73,7 @@ def projected(rig, ledger, rate, trusted):
     rows, n, p = columns.shape
     flat = inner(smooth(columns.reshape(rows, n * p), rate), rate).reshape(-1, p)
     effect = inner(smooth(blocks(ledger.effect, rate), rate), rate)
-    scale = np.linalg.norm(flat, axis=0)
-    used = flat[:, scale > 1e-9 * scale.max()]
-    used = used / np.linalg.norm(used, axis=0)
+    used = independent(flat)
     fit = np.linalg.lstsq(used, effect.reshape(-1), rcond=1e-9)[0]
     return rms(effect - (used @ fit).reshape(-1, n))
 
@@ -86,6 +90,52 @@ def residual(rig, shown, rate):
 def noise_floor(rig, noisy, clean, rate):
     """What sensor noise alone leaves of the true model's torque balance (N m rms, (n,)), and its share of the
     acceleration."""
-    (left, a) = residual(rig, noisy, rate)
-    (true_left, true_a) = residual(rig, clean, rate)
+    left, a = residual(rig, noisy, rate)
+    true_left, true_a = residual(rig, clean, rate)
     return rms(left - true_left), rms(a - true_a) / np.maximum(rms(true_a), 1e-12)
+
+
+# in coloured noise: effect and baseline whitened by the noise's true spectrum
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """One-sided power of each joint's noise, (N m)² per Hz, at frequencies (k,): (k, n)."""
+
+    hertz: Array
+    density: Array
+
+    def at(self, hertz):
+        """Between the frequencies by straight lines, (m, n)."""
+        return np.stack([np.interp(hertz, self.hertz, column) for column in self.density.T], axis=1)
+
+    def floor(self):
+        """Noise rms below CUTOFF_HZ, N m, (n,)."""
+        below = np.linspace(0.0, CUTOFF_HZ, 4001)
+        return np.sqrt(np.trapezoid(self.at(below), below, axis=0))
+
+
+def whitened(x, spectrum, rate):
+    """Fourier coefficients of x (N, n, p) up to CUTOFF_HZ, such that this noise's have a mean square of one."""
+    window = np.hanning(len(x))[:, None, None]
+    hertz = np.fft.rfftfreq(len(x), 1.0 / rate)
+    band = hertz <= min(CUTOFF_HZ, 0.4 * rate)
+    expected = 0.5 * rate * float((window**2).sum()) * spectrum.at(hertz[band])
+    return np.fft.rfft(window * x, axis=0)[band] / np.sqrt(expected)[:, :, None]
+
+
+def size(effect, columns, spectrum, rate):
+    """What the columns (N, n, p) leave of the effect (N, n), N m at this rate (Hz), over the noise, each rms over the
+    band: (n,). Three is what stands clear, as in white noise."""
+    wanted = whitened(effect[:, :, None], spectrum, rate)[:, :, 0]
+    used = independent(whitened(columns, spectrum, rate).reshape(wanted.size, -1))
+    table = np.vstack([used.real, used.imag])
+    target = np.concatenate([wanted.real.ravel(), wanted.imag.ravel()])
+    fit = np.linalg.lstsq(table, target, rcond=1e-9)[0]
+    return rms(np.abs(wanted - (used @ fit).reshape(wanted.shape)))
+
+
+def seen(rig, ledger, spectrum, rate, trusted):
+    """Projected effect over noise of each joint, (n,), as `size` has it."""
+    columns = baseline_columns(rig, ledger, rate, trusted)
+    return size(blocks(ledger.effect, rate), columns, spectrum, grid_rate(rate))

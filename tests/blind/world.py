@@ -13,22 +13,9 @@ class State:
     """The plant in the middle of one step; lists of floats, for speed. Laws write `u`, `force`, `plus`, `minus`;
     what friction they put into `force` themselves they tell in `bristle`, joint by joint."""
 
-    __slots__ = (
-        "bristle",
-        "command",
-        "dt",
-        "force",
-        "gravity",
-        "minus",
-        "plus",
-        "q",
-        "t",
-        "u",
-        "v",
-    )
-
     def __init__(self, dt, joints, dofs):
-        self.t, self.dt = 0.0, dt
+        self.t = 0.0
+        self.dt = dt
         self.q, self.v, self.force, self.gravity = ([0.0] * dofs for _ in range(4))
         self.command, self.u, self.plus, self.minus, self.bristle = (
             [0.0] * joints for _ in range(5)
@@ -43,24 +30,24 @@ class World:
     `offset[i]` is added to the encoder's reading, and `eccentric` (amplitude, phase) once per turn."""
 
     def __init__(self, rig, effects, dt, seconds):
-        self.dt, self.seconds, self.nominal = dt, seconds, rig
-        self.effects = tuple(sorted(effects, key=lambda effect: effect.stage))
-        self.rig = rig
+        self.dt = dt
+        self.seconds = seconds
+        self.nominal = rig
+        self.effects = sorted(effects, key=lambda effect: effect.stage)
         for effect in self.effects:
-            self.rig = effect.plant(self.rig)
-        hangers = tuple(item for effect in self.effects for item in effect.appendages(self.rig))
-        self.base = next((e.base for e in self.effects if e.base is not Base.FIXED), Base.FIXED)
-        self.model = build(self.rig, hangers, self.base, _base_inertia(self.rig))
+            rig = effect.plant(rig)
+        self.rig = rig
+        hangers = [item for effect in self.effects for item in effect.appendages(rig)]
+        base = next((e.base for e in self.effects if e.base is not Base.FIXED), Base.FIXED)
+        self.model = build(rig, hangers, base, _base_inertia(rig))
         self.data = mujoco.MjData(self.model)
-        self.joints = len(self.rig.links)
+        self.joints = len(rig.links)
         self.dofs = int(self.model.nv)
-        self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
-        self.link_dof = [self.named(joint) for joint in self.rig.joints]
+        self.link_dof = [self.named(joint) for joint in rig.joints]
         self.dof = list(self.link_dof)
         self.offset = [0.0] * self.joints
         self.eccentric = [(0.0, 0.0)] * self.joints
-        moving = () if self.base is Base.FIXED else BASE_DOFS
-        self.base_dofs = [self.named(name) for name in moving]
+        self.base_dofs = [] if base is Base.FIXED else [self.named(name) for name in BASE_DOFS]
         self.base_path = None
         self.needs_gravity = False
         for effect in self.effects:
@@ -68,7 +55,7 @@ class World:
 
     def named(self, name):
         """The degree of freedom of this name."""
-        return self.names.index(name)
+        return int(self.model.joint(name).dofadr[0])
 
     @property
     def reference(self):

@@ -49,7 +49,7 @@ class AsymmetricFriction(OpposingEffect, RubbingEffect):
 
     def plant(self, rig):
         kind = "viscous" if self.form == "viscous" else "coulomb"
-        return rig.with_friction(self.joint, **{kind: 0.6 * abs(self.difference)})
+        return rig.with_motor(self.joint, **{kind: 0.6 * abs(self.difference)})
 
     frozen = plant
 
@@ -113,7 +113,7 @@ class PlaceFriction(RubbingEffect):
         return 1.5 * context.target, harmonic, rng.uniform(-pi, pi)
 
     def plant(self, rig):
-        return rig.with_friction(self.joint, coulomb=1.4 * self.amplitude)
+        return rig.with_motor(self.joint, coulomb=1.4 * self.amplitude)
 
     frozen = plant
 
@@ -140,7 +140,7 @@ class FrictionDrift(RubbingEffect):
         return change, time_constant, context.torque**2
 
     def plant(self, rig):
-        return rig.with_friction(self.joint, coulomb=1.3 * max(-self.change, 0.0))
+        return rig.with_motor(self.joint, coulomb=1.3 * max(-self.change, 0.0))
 
     frozen = plant
 
@@ -250,7 +250,7 @@ class Presliding(Effect):
         return limit, stroke, context.inertia
 
     def plant(self, rig):
-        return rig.with_friction(self.joint, coulomb=self.limit)
+        return rig.with_motor(self.joint, coulomb=self.limit)
 
     frozen = plant
 

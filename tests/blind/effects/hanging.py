@@ -9,7 +9,7 @@ from operator import mul
 import numpy as np
 
 from ..mjcf import Appendage, Hinge
-from ..rigs import Inertia, point_mass
+from ..rigs import Inertia, cube_edge, point_mass
 from .base import Effect
 
 Vector = tuple[float, float, float]
@@ -23,7 +23,7 @@ def draw_direction(rng):
 
 def edge_of(rig):
     """Return the edge of a cube of the payload's mass, m."""
-    return float((rig.payload.inertia.mass / 700.0) ** (1.0 / 3.0))
+    return cube_edge(rig.payload.inertia.mass)
 
 
 def _draw_place(rng, rig, reach):

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ..mjcf import Appendage, Hinge
-from ..rigs import Inertia
+from ..rigs import Inertia, put
 from .base import Effect, Forms, OpposingEffect
 
 GUST_RATE = 200.0
@@ -186,9 +186,8 @@ class Armature(Effect):
         return (context.inertia * context.share,)
 
     def plant(self, rig):
-        values = list(rig.armature)
-        values[self.joint] += self.inertia
-        return replace(rig, armature=tuple(values))
+        more = rig.armature[self.joint] + self.inertia
+        return replace(rig, armature=put(rig.armature, self.joint, more))
 
 
 # outside the published causes

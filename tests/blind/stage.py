@@ -1,4 +1,4 @@
-"""The stage of a log as people have it: which rig, moved how, with which joints left out."""
+"""The stage of a log: which rig, moved how, with which joints left out, of the plain kind and as people have it."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from .arm_draw import locked
-from .control import draw_soft_gains, feed_forward
-from .drive_sensors import control_rate, draw_drive_sensors
-from .excitation import draw_reference, load
-from .habits import Habit, repeated, turning_path
+from .control import draw_gains, draw_soft_gains, feed_forward
+from .excitation import Habit, draw_reference, load, repeated, turning_path
 from .plan import ALIGNED
-from .rig_draw import nominal
+from .rig_draw import locked, nominal
 from .scene import FINE_STEP, Scene
+from .sensors import control_rate, draw_drive_sensors, draw_sensors
 
-LONG_S, LONG_STEP = 120.0, 1e-3
-MANY, MANY_STEP = 5, 0.5e-3
+LONG_S = 120.0
+LONG_STEP = 1e-3
+MANY = 5
+MANY_STEP = 0.5e-3
 """Steps (s) of runs that would take too long: of more than LONG_S, of MANY joints or more."""
 CLEAR_OF_IT = 8e-3
 """Time (s) from which on a shift of channels does not take up an effect."""
@@ -26,24 +26,28 @@ ENOUGH = 0.9
 """Share of its limits beyond which a joint that turns is slowed down."""
 
 
-def _endless(rig, joint, speed):
-    """The rig with a joint that turns on and on, and motors for it."""
-    links = list(rig.links)
-    links[joint] = replace(links[joint], continuous=True)
-    return replace(rig, links=tuple(links), velocity_limit=max(rig.velocity_limit, 2.5 * speed))
+def plain_scene(plan, rig, streams):
+    """A plan's scene by its random streams."""
+    sensors = draw_sensors(streams["sensors"], plan.level, plan.rate)
+    reference = draw_reference(
+        streams["motion"], rig, plan.excitation, plan.seconds, plan.rate, Habit()
+    )
+    gains = draw_gains(streams["control"], rig, reference)
+    forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, gains)
+    seed = int(streams["noise"].integers(2**31))
+    return Scene(rig, reference, gains, forward, sensors, plan.rate, seed)
 
 
 def _turning_reference(plan, rig, joint, rate, held, seed):
     """As many turns as are wanted, or half of them, and so on, until the motors can do it."""
-    turns = plan.turns
     t = np.arange(round(plan.seconds * rate)) / rate
-    for _ in range(6):
+    for halvings in range(6):
         rng = np.random.default_rng(seed)
-        habit = Habit(held=held, turning=joint, path=turning_path(rng, t, turns))
+        path = turning_path(rng, t, plan.turns * 0.5**halvings)
+        habit = Habit(held, turning=joint, path=path)
         reference = draw_reference(rng, rig, plan.excitation, plan.seconds, rate, habit)
         if (load(rig, reference.q, 1.0 / rate) < ENOUGH).all():
             break
-        turns *= 0.5
     return reference
 
 
@@ -53,18 +57,18 @@ def _friction_forward(plan, rig, reference, rng):
     return share * (rig.coulomb * np.tanh(reference.dq / CREEP) + rig.viscous * reference.dq)
 
 
-def stage(plan, full, streams):
+def drive_scene(plan, full, streams):
     """The rig of the URDF and the scene: the same rig, or the one that is left where a joint is bolted."""
     rng = streams["motion"]
     rate = control_rate(plan.rate)
     idle, turning = (int(x) for x in rng.permutation(plan.axes)[[0, -1]])
     if plan.turns:
-        full = _endless(full, turning, 2.0 * np.pi * plan.turns / plan.seconds)
+        speed = max(full.velocity_limit, 2.5 * 2.0 * np.pi * plan.turns / plan.seconds)
+        full = replace(full.with_link(turning, continuous=True), velocity_limit=speed)
     gone = plan.idle in ("unlogged", "bolted")
     rig = locked(full, idle) if gone else full
     if plan.idle == "bolted":
-        links = (replace(link, fixed=i == idle) for i, link in enumerate(full.links))
-        full = replace(full, links=tuple(links))
+        full = full.with_link(idle, fixed=True)
     held = (idle,) if plan.idle == "held" else ()
     every = round(rate / plan.rate)
     samples = round(plan.seconds * plan.rate) // plan.repeats * plan.repeats * every
@@ -72,9 +76,7 @@ def stage(plan, full, streams):
         place = turning - int(gone and idle < turning)
         reference = _turning_reference(plan, rig, place, rate, held, int(rng.integers(2**31)))
     else:
-        habit = Habit(held=held)
-        if plan.repeats > 1:
-            habit = replace(repeated(samples, plan.repeats, rate), held=held)
+        habit = repeated(held, samples, plan.repeats, rate)
         reference = draw_reference(rng, rig, plan.excitation, samples / rate, rate, habit)
     gains = draw_soft_gains(streams["control"], rig, reference, held)
     forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, gains)
