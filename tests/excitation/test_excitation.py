@@ -30,32 +30,21 @@ from gimbal_pin.excitation import (
     compute_joint_reach,
     count_periods,
     excite,
-    find_crest,
     list_shown_effects,
 )
-from gimbal_pin.log import Array, Log, Motion, read_motion
+from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.regression import Filtering, compute_settling_time
 from gimbal_pin.rig import Limits, Rig
-from tests.command_line import Run, refused, result
+from tests.command_line import Run, refused
 from tests.excitation.designs import (
-    RIGS,
     SLIDER,
     assert_within,
-    crane,
     designed,
     differences,
     moved,
     problem,
 )
 from tests.rigs import bundled, spelled
-
-
-@given(st.integers(0, 10**6))
-def test_a_crest_between_samples_is_found(seed: int) -> None:
-    """Of a sine sampled thirty times a period: within a hundredth of what the samples miss."""
-    phase = np.random.default_rng(seed).uniform(0, 2 * np.pi)
-    sampled = np.sin(2 * np.pi * np.arange(40) / 30 + phase)
-    assert abs(find_crest(sampled) - 1) < 0.01 * (1 - np.cos(np.pi / 30))
 
 
 def branch() -> Rig:
@@ -75,7 +64,6 @@ LOADED = (LoadDependentFriction("roll"), LoadDependentFriction("tilt", True))
 @pytest.mark.parametrize(
     ("name", "criterion", "effects", "speed"),
     [
-        ("turret", Condition(sharpness=8.0), (), 0.0),
         ("handheld", Condition(), (), 0.9),
         ("thesis", Determinant(), (Stribeck("tilt", 0.2), *LOADED), 0.0),
         ("tree", Determinant(), (), 0.0),
@@ -105,23 +93,14 @@ def test_jacobian_of_the_limits_is_exact_torque_included() -> None:
     assert np.abs(at.differentiate_room(x) - differences(at.compute_room, x)).max() < 1e-6
 
 
-@pytest.mark.parametrize("name", RIGS)
-def test_a_design_keeps_its_limits_rests_at_both_ends_and_shows_friction_better_than_chance(
-    name: str,
-) -> None:
+@pytest.mark.parametrize("name", ["thesis", "turret"])
+def test_a_design_keeps_its_limits_and_shows_friction_better_than_chance(name: str) -> None:
     rig = bundled(name)
     found = designed(name, 0)
     assert_within(rig, nominal(rig), found)
-    motion = found.motion
-    assert np.abs([motion.v[[0, -1]], motion.a[[0, -1]]]).max() < 1e-12
-    assert (motion.t[0], motion.t[-1], found.seconds) == (0.0, 10.0, 10.0)
-    later = found.series.motion(found.coefficients, motion.t + found.seconds)
-    np.testing.assert_allclose(later.q, motion.q, atol=1e-9)
-    dt = motion.t[1]
-    np.testing.assert_allclose(np.gradient(motion.q, dt, axis=0)[1:-1], motion.v[1:-1], atol=1e-4)
-    np.testing.assert_allclose(np.gradient(motion.v, dt, axis=0)[1:-1], motion.a[1:-1], atol=1e-3)
+    v = found.motion.v
     rates = np.array([limit.velocity for limit in rig.limits])
-    for side in (motion.v, -motion.v):
+    for side in (v, -v):
         assert (np.mean(side > 0, axis=0) > 0.25).all()
         assert (side.max(axis=0) > 0.3 * rates).all()
     at = problem(rig)
@@ -130,6 +109,17 @@ def test_a_design_keeps_its_limits_rests_at_both_ends_and_shows_friction_better_
     chance = [at.motion(at.draw_start(rng), grid) for _ in range(10)]
     least = min(map(at.columns.compute_condition_number, chance))
     assert found.condition_number < 0.7 * least
+
+
+def test_a_motion_rests_at_both_ends_repeats_itself_and_is_smooth() -> None:
+    found = designed("turret", 0)
+    motion = found.motion
+    assert np.abs([motion.v[[0, -1]], motion.a[[0, -1]]]).max() < 1e-12
+    assert (motion.t[0], motion.t[-1], found.seconds) == (0.0, 10.0, 10.0)
+    later = found.series.motion(found.coefficients, motion.t + found.seconds)
+    np.testing.assert_allclose(later.q, motion.q, atol=1e-9)
+    for x, slope, off in ((motion.q, motion.v, 1e-4), (motion.v, motion.a, 1e-3)):
+        np.testing.assert_allclose(np.gradient(x, motion.t[1], axis=0)[1:-1], slope[1:-1], atol=off)
 
 
 def test_same_seed_same_motion() -> None:
@@ -170,16 +160,12 @@ def test_a_speed_that_shows_friction_is_reached() -> None:
 def test_torque_limit_counts_the_friction_of_the_model_given() -> None:
     rig = moved(bundled("turret"), effort=1.0, acceleration=inf, velocity=100.0)
     stiff = Model(rig, (*nominal(rig).terms, Term(Coulomb("pan"), (0.4,))))
-    options = {"starts": 1, "harmonics": 4, "seconds": 4.0, "speed": 0.0, "rng": 0}
-    assert_within(rig, stiff, excite(rig, torque_model=stiff, **options))
-    light = excite(rig, **options).motion
-    assert (np.abs(stiff.inverse(light.q, light.v, light.a)).max(axis=0) > 0.95).any()
+    found = excite(rig, torque_model=stiff, starts=1, harmonics=4, seconds=4.0, speed=0.0, rng=0)
+    assert_within(rig, stiff, found)
 
 
-def test_a_slide_is_moved_within_its_limits_and_a_joint_without_any_by_half_a_turn(
-    tmp_path: Path,
-) -> None:
-    rig = crane(tmp_path)
+def test_a_slide_is_moved_within_its_limits_and_a_joint_without_any_by_half_a_turn() -> None:
+    rig = spelled(SLIDER)
     found = excite(rig, starts=1, rng=0)
     assert_within(rig, nominal(rig), found)
     assert found.limits_used["slide"]["q"] > 0.5
@@ -200,21 +186,19 @@ def test_two_rods_reach_as_far_as_they_are_long() -> None:
     np.testing.assert_allclose(compute_joint_reach(rig), [1.2, 0.6], rtol=1e-3)
 
 
-@pytest.mark.parametrize("stated", [inf, 5e4])
-def test_limits_that_nobody_states_are_assumed_and_said(stated: float) -> None:
+def test_limits_that_nobody_states_are_assumed_and_said() -> None:
     """No point then moves faster than people may stand beside; what is assumed is assumed once."""
-    rig = moved(bundled("turret"), velocity=stated, effort=stated, acceleration=inf)
+    rig = moved(bundled("turret"), velocity=5e4, effort=inf, acceleration=inf)
     free = replace(rig, motors=tuple(replace(motor, tau_max=inf) for motor in rig.motors))
     safe, said = assume_limits(free)
     assert {one.quantity for one in said} == {"velocity", "acceleration", "lower", "upper"}
-    assert {one.stated for one in said if one.quantity == "velocity"} == {stated}
     rates = np.array([limit.velocity for limit in safe.limits])
     assert rates @ compute_joint_reach(rig) == pytest.approx(0.25)
     found = excite(free, starts=1, rng=0, seconds=5.0)
-    assert found.assumed == said and assume_limits(safe) == (safe, ())
+    assert found.assumed == said
+    assert assume_limits(safe) == (safe, ())
     assert np.abs(found.motion.q).max() <= 0.25
     assert (np.abs(found.motion.v).max(axis=0) <= rates).all()
-    assert not designed("turret", 0).assumed
 
 
 @pytest.mark.parametrize("changes", [{}, {"effort": 2.0, "acceleration": inf, "velocity": 50.0}])
@@ -242,7 +226,6 @@ def test_a_first_motion_is_the_same_at_a_tenth_and_pushes_with_a_tenth(
         ({"effort": 0.005}, {}, r"joint '\w+': no pose was found that the motors can hold"),
         ({}, {"harmonics": 1}, "harmonics"),
         ({}, {"seconds": 0.0}, "seconds"),
-        ({}, {"dt": 0.0}, "dt"),
         ({}, {"dt": 0.003}, "dt"),
         ({}, {"starts": 0}, "starts"),
         ({}, {"margin": 1.0}, "margin"),
@@ -258,29 +241,17 @@ def test_what_leaves_no_motion_is_named(
         excite(moved(bundled("turret"), **changes), rng=0, **arguments)
 
 
-def test_a_slide_without_limits_and_a_cause_that_no_motion_shows_are_named(tmp_path: Path) -> None:
+def test_a_slide_without_limits_and_a_cause_that_no_motion_shows_are_named() -> None:
     with pytest.raises(UsageError, match="joint 'slide': slides without limits"):
-        excite(replace(crane(tmp_path), limits=(Limits(), Limits())), rng=0)
+        excite(replace(spelled(SLIDER), limits=(Limits(), Limits())), rng=0)
     with pytest.raises(UsageError, match="'simulate --effect' plants it"):
         list_shown_effects(nominal(bundled("turret")), ["delay:pan:time=0.01"])
-    shown = list_shown_effects(nominal(bundled("turret")), ["stribeck:pan:speed=0.1,extra=1"])
-    assert shown == [Stribeck("pan", 0.1)]
 
 
-@pytest.mark.parametrize("limit", ["pan.velocity", "pan=2", "pan.speed=2", "roll.velocity=2"])
+@pytest.mark.parametrize("limit", ["pan.velocity", "pan.speed=2", "roll.velocity=2"])
 def test_a_limit_that_is_none_is_named(run: Run, tmp_path: Path, limit: str) -> None:
     said = run("excite", "turret", "-o", tmp_path / "out.csv", "--limit", limit)
     refused(said, 2, f"--limit {limit}")
-
-
-def test_a_file_holds_five_periods_alike(run: Run, tmp_path: Path) -> None:
-    path = tmp_path / "t.csv"
-    found = result(run, "excite", "turret", "-o", path, "--starts", 1, "--rate", 100)
-    q = read_motion(path, bundled("turret")).q
-    rows = round(100 * found["period"])
-    assert (found["periods"], len(q), found["assumed"]) == (5, 5 * rows + 1, [])
-    for k in range(1, 5):
-        np.testing.assert_allclose(q[k * rows : (k + 1) * rows], q[:rows], atol=1e-9)
 
 
 def test_a_longer_motion_repeats_a_shorter_one_and_is_never_worse() -> None:
@@ -295,14 +266,13 @@ def test_a_longer_motion_repeats_a_shorter_one_and_is_never_worse() -> None:
 
 @given(seconds=st.floats(0.5, 5000.0))
 def test_periods_last_4_to_20_s_and_the_highest_harmonic_has_half_a_hertz(seconds: float) -> None:
-    count = count_periods(seconds)
-    assert count == (5 if seconds >= 20.0 else max(1, int(seconds / 4.0)))
-    for series, least in ((Series.of(seconds, periods=count), count), (Series.of(seconds), 1)):
-        times = seconds / series.seconds / least
-        assert times == pytest.approx(round(times), rel=1e-12)
-        assert min(seconds, 4.0) * (1 - 1e-12) <= series.seconds <= 20.0 * (1 + 1e-12)
-        fastest = series.harmonics / series.seconds
-        assert fastest >= 0.5 * (1 - 1e-12) and (fastest <= 0.6 or series.harmonics == 5)
+    series = Series.of(seconds, periods=count_periods(seconds))
+    times = seconds / series.seconds / count_periods(seconds)
+    assert times == pytest.approx(round(times), rel=1e-12)
+    assert min(seconds, 4.0) * (1 - 1e-12) <= series.seconds <= 20.0 * (1 + 1e-12)
+    fastest = series.harmonics / series.seconds
+    assert fastest >= 0.5 * (1 - 1e-12)
+    assert fastest <= 0.6 or series.harmonics == 5
 
 
 def test_interrupted_it_returns_the_best_so_far() -> None:
@@ -316,12 +286,9 @@ def test_interrupted_it_returns_the_best_so_far() -> None:
                 raise KeyboardInterrupt
             return super().factors(a)
 
-    found = excite(rig, rng=np.random.default_rng(0), criterion=Interrupted())
+    found = excite(rig, rng=0, criterion=Interrupted())
     assert not found.finished
     assert_within(rig, nominal(rig), found)
-    at = problem(rig)
-    start = at.motion(at.draw_start(np.random.default_rng(0)), at.dense)
-    assert found.condition_number < at.columns.compute_condition_number(start)
 
 
 @given(seed=st.integers(0, 10_000), sharpness=st.floats(2.0, 200.0))
@@ -334,11 +301,9 @@ def test_smooth_condition_number_lies_just_above_the_true_one(seed: int, sharpne
 @given(st.integers(0, 1000))
 def test_information_of_two_logs_adds_up_and_its_gradient_is_exact(seed: int) -> None:
     """Rows that are given twice, for half the time each, count once."""
-    rng = np.random.default_rng(seed)
-    first, a, change = rng.standard_normal((3, 12, 3))
+    first, a, change = np.random.default_rng(seed).standard_normal((3, 12, 3))
     criterion = Determinant(Determinant(0.3).information(first))
-    both = np.vstack([first, a])
-    assert criterion.value(a) == pytest.approx(Determinant(0.3).value(both))
+    assert criterion.value(a) == pytest.approx(Determinant(0.3).value(np.vstack([first, a])))
     timed = replace(criterion, seconds=4.0)
     left, right = timed.factors(a)
     (slope,) = differences(timed.value, a, change[None])
@@ -346,12 +311,10 @@ def test_information_of_two_logs_adds_up_and_its_gradient_is_exact(seed: int) ->
     assert timed.value(np.vstack([a, a])) == pytest.approx(timed.value(a), rel=1e-12)
 
 
-@pytest.mark.parametrize("name", RIGS)
-def test_columns_have_unit_torque_over_the_rigs_states_whatever_is_mounted(name: str) -> None:
-    states = Envelope.of(bundled(name)).spread()
-    rows = [
-        ExcitationColumns.of(bundled(name, load)).scale_rows(states) for load in ("none", "cinema")
-    ]
+def test_columns_have_unit_torque_over_the_rigs_states_whatever_is_mounted() -> None:
+    rigs = [bundled("thesis", load) for load in ("none", "cinema")]
+    states = Envelope.of(rigs[0]).spread()
+    rows = [ExcitationColumns.of(rig).scale_rows(states) for rig in rigs]
     np.testing.assert_allclose(np.mean(rows[0] ** 2, axis=0), 1.0)
     np.testing.assert_allclose(rows[1], rows[0], rtol=1e-9, atol=1e-9)
 
@@ -359,11 +322,8 @@ def test_columns_have_unit_torque_over_the_rigs_states_whatever_is_mounted(name:
 def swing_pan() -> tuple[Log, Motion]:
     """Return a log in which the turret's pan alone swings, and its motion."""
     t = 0.005 * np.arange(3001)
-    zero = np.zeros(len(t))
-    q, v, a = (
-        np.stack([x, zero], axis=1)
-        for x in (0.5 * np.sin(1.7 * t), 0.85 * np.cos(1.7 * t), -1.445 * np.sin(1.7 * t))
-    )
+    swing = 0.5 * np.exp(1.7j * t)
+    q, v, a = (np.outer(x.imag, [1.0, 0.0]) for x in (swing, 1.7j * swing, -(1.7**2) * swing))
     return Log("pan", ("pan", "tilt"), t, q, v, np.zeros_like(q)), Motion(t, q, v, a)
 
 

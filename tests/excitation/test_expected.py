@@ -12,13 +12,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
-from gimbal_pin.errors import LogError
 from gimbal_pin.excitation import excite, predict_estimate, record_log
 from gimbal_pin.identification import Identified, identify
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.regression import LAG_DEVIATION, Filtering
+from gimbal_pin.log import Array, Motion
+from gimbal_pin.regression import LAG_DEVIATION
 from tests.excitation.designs import designed
 from tests.rigs import bundled
 
@@ -46,44 +44,36 @@ def record(
 
 
 def test_predicted_deviations_are_the_spread_of_what_is_identified() -> None:
-    """Of 60 logs, whose spread has a deviation of 9 %: encoders start and torques act anywhere that is presumed."""
+    """Of 16 logs: encoders start and torques act anywhere that is presumed."""
     whole = repeat()
     motion = thin(whole)
     tau = MODEL.inverse(whole.q, whole.v, whole.a)
     found = predict_estimate(MODEL, motion, form_error=0.0, rng=0)
     thetas = []
-    for seed in range(60):
+    for seed in range(16):
         rng = np.random.default_rng(seed)
         moved = replace(motion, q=motion.q + rng.uniform(-1e-3, 1e-3, 2))
-        late = rng.normal(motion.t[1] / 2, LAG_DEVIATION, 2)
-        acting = [
-            np.interp(motion.t + time, whole.t, x) - np.interp(motion.t, whole.t, x)
-            for time, x in zip(late, tau.T)
-        ]
-        each = record(moved, rng, np.transpose(acting))
-        assert each.names == found.names
-        thetas.append(each.estimate.theta)
-    shown = np.array(found.known) == "known"
-    ratio = (found.std / np.std(thetas, axis=0, ddof=1))[shown]
-    assert shown.sum() > 0.8 * len(shown)
-    assert 0.7 < np.median(ratio) < 1.5 and np.mean((ratio > 0.7) & (ratio < 1.5)) >= 0.9
+        late = motion.t + rng.normal(motion.t[1] / 2, LAG_DEVIATION, (2, 1))
+        acting = [np.interp(t, whole.t, x) - x[::5] for t, x in zip(late, tau.T)]
+        thetas.append(record(moved, rng, np.transpose(acting)).estimate.theta)
+    spread = np.std(thetas, axis=0, ddof=1) / found.std
+    assert {*found.known} == {"known"}
+    assert 0.8 < np.sqrt(np.mean(spread**2)) < 1.2
+    assert 0.5 < spread.min() <= spread.max() < 1.5
 
 
 def test_what_a_model_misses_is_in_the_predicted_deviations() -> None:
-    """A ripple, a spring and stiction of together 3 % of each torque: `identify` errs by what was predicted."""
+    """A ripple and stiction of together 3 % of each torque: `identify` errs by what was predicted."""
     rng = np.random.default_rng(0)
     motion = thin(repeat())
     found = predict_estimate(MODEL, motion, form_error=0.03, rng=0)
     tau = MODEL.inverse(motion.q, motion.v, motion.a)
-    size = 0.03 * np.sqrt(np.mean(tau**2, axis=0) / 3)
+    size = 0.03 * np.sqrt(np.mean(tau**2, axis=0) / 2)
     errors = []
-    for _ in range(12):
-        parts = (
-            np.sin(14 * motion.q + rng.uniform(0, 6)),
-            np.tanh(3 * (motion.q - motion.q.mean(axis=0))),
-            np.sign(motion.v) * np.exp(-((motion.v / 0.2) ** 2)),
-        )
-        missed = sum(size * rng.choice([-1, 1], 2) * part / np.std(part, axis=0) for part in parts)
+    for _ in range(4):
+        ripple = np.sin(14 * motion.q + rng.uniform(0, 6))
+        stiction = np.sign(motion.v) * np.exp(-((motion.v / 0.2) ** 2))
+        missed = sum(size * part / np.std(part, axis=0) for part in (ripple, stiction))
         each = record(motion, rng, missed)
         errors.append((each.estimate.theta - found.values) / found.std)
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 2
@@ -111,16 +101,14 @@ def test_friction_that_nobody_states_is_told_and_a_log_knows_it() -> None:
     assert known.torque_noise == pytest.approx([0.05, 0.05], rel=0.5)
 
 
-def test_a_joint_held_still_shows_none_of_its_friction_and_a_short_motion_nothing() -> None:
+def test_a_joint_held_still_shows_none_of_its_friction() -> None:
     motion = thin(designed("turret", 0).motion)
     pan = np.array([1.0, 0.0])
     held = Motion(motion.t, motion.q * pan, motion.v * pan, motion.a * pan)
     found = predict_estimate(MODEL, held, rng=0)
     said = dict(zip(found.names, found.known))
-    assert said["tilt.Fs"] == said["tilt.Fv"] == "not" and said["pan.Fs"] == "known"
+    assert said["tilt.Fs"] == said["tilt.Fv"] == "not" != said["pan.Fs"]
     assert any("tilt.Fs" in one for one in found.warnings)
-    short = Motion(*(x[:60] for x in (motion.t, motion.q, motion.v, motion.a)))
-    assert {*predict_estimate(MODEL, short, rng=0).known} == {"not"}
 
 
 def test_a_rate_too_slow_for_the_motion_is_told() -> None:
@@ -129,7 +117,7 @@ def test_a_rate_too_slow_for_the_motion_is_told() -> None:
     slow, quick = (predict_estimate(MODEL, thin(motion, step), rng=0) for step in (100, 50))
     assert all(5 * quick.sampling[joint] < share for joint, share in slow.sampling.items())
     (said,) = replace(quick, sampling={"pan": 0.02, "tilt": 0.004}).warnings
-    assert "20 samples per second are too few" in said and "tilt" not in said
+    assert "tilt" not in said
 
 
 def test_more_noise_leaves_more_of_a_lag_open_as_the_log_will_tell_it() -> None:
@@ -142,13 +130,3 @@ def test_more_noise_leaves_more_of_a_lag_open_as_the_log_will_tell_it() -> None:
     stated = record(motion, np.random.default_rng(1), 0 * motion.q, noise=0.1).model.estimated
     assert stated is not None
     np.testing.assert_allclose(list(loud.lag_std.values()), stated.lag_std, rtol=0.3)
-
-
-def test_the_log_of_a_first_motion_tells_which_torque_has_the_wrong_sign() -> None:
-    motion = excite(RIG, seconds=25, periods=5, starts=1, rng=0, first=True).motion
-    log: Log = record_log(MODEL, thin(motion), 0.01, np.random.default_rng(0))
-    assert identify(RIG, [log], holdout="none", filtering=Filtering(alignment=0.0)).names
-    for joint, signs in (("pan", (-1.0, 1.0)), ("tilt", (1.0, -1.0))):
-        for verb in (identify, diagnose):
-            with pytest.raises(LogError, match=f"tau_{joint} has the wrong sign"):
-                verb(RIG, [replace(log, tau=log.tau * np.array(signs))])
