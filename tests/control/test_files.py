@@ -26,14 +26,10 @@ def find() -> Model:
     """Return a model with a cause of every kind, and with an uncertainty."""
     rig = bundled("turret")
     plant, drive = plant_with(nominal(rig), [parse_effect(text, rig) for text in FOUND])
-    changes = tuple(
-        parse_effect(text, rig) for text in ("base-tilt:roll=0.2", "encoder-offset:tilt:offset=0.1")
-    )
-    for change in changes:
-        rig = change.apply(rig)
+    tilt = parse_effect("base-tilt:roll=0.2", rig)
     covariance = np.array([[4.0, 1.0], [1.0, 9.0]])
     known = Estimated(("a", "b"), ("kg", "N m"), np.array([1.0, 2.0]), covariance, dt=0.002)
-    return replace(plant, rig=rig, drive=drive, changes=changes, estimated=known)
+    return replace(plant, rig=tilt.apply(rig), drive=drive, changes=(tilt,), estimated=known)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +58,6 @@ def test_a_controller_comes_back_from_its_file(tmp_path: Path, wish: dict[str, A
         ({"wish": None}, "holds no controller"),
         ({"wish": {"bandwith": 3}}, "bandwith"),
         ({"controller": "pid"}, "the wish is for"),
-        ({"joints": None}, "joints"),
         ({"joints": {"yaw": {}}}, "pan, tilt"),
         ({"model": {"phi": [1.0]}}, "model"),
         ({"kp": 1e-3, "ki": 1e6}, "unstable"),

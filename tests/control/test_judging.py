@@ -1,21 +1,17 @@
-"""Steps of controllers, on their own plant and on perturbed ones: what is claimed is what a true plant shows."""
+"""Steps of controllers, on their own plant and on perturbed ones: their metrics, and what doubt costs."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from plants import PLANTS, Flaws, Mover, Peer, measure_truth
 
 from gimbal_pin.control import (
     Judgement,
     Tracking,
-    home,
     judge_controllers,
     metrics,
     minimum_jerk,
@@ -24,12 +20,9 @@ from gimbal_pin.control import (
     track,
     tune,
 )
-from gimbal_pin.control.tracking import shrink_steps
 from gimbal_pin.dynamics import Model, Sensors, nominal, simulate
 from gimbal_pin.errors import UsageError
-from gimbal_pin.identification import identify
-from gimbal_pin.log import Log, Motion
-from gimbal_pin.rig import Limits, Motor, Rig, bundled_rigs
+from gimbal_pin.rig import Limits, Motor
 from tests.control.models import doubtful
 from tests.rigs import bundled
 
@@ -49,21 +42,6 @@ def test_minimum_jerk_rests_moves_and_rests() -> None:
     assert motion.a.max() == pytest.approx(10 / 3**0.5 / 0.5**2, rel=1e-2)
 
 
-@pytest.mark.parametrize("name", bundled_rigs())
-def test_steps_stay_within_every_limit(name: str) -> None:
-    rig = bundled(name)
-    rig = replace(rig, motors=tuple(replace(m, tau_max=0.4 * m.tau_max) for m in rig.motors))
-    plant = nominal(rig)
-    wanted = np.deg2rad([30.0, -80.0, 170.0])[: rig.n]
-    goal = shrink_steps(plant, wanted.tolist(), 0.5)
-    motion = minimum_jerk(home(rig), home(rig) + goal, dt=0.001)
-    lower, upper, rate, acceleration = np.array([tuple(vars(x).values()) for x in rig.limits]).T[:4]
-    assert (np.clip(motion.q, lower - 1e-9, upper + 1e-9) == motion.q).all()
-    tau = plant.inverse(motion.q, motion.v, motion.a)
-    for x, most in ((motion.v, rate), (motion.a, acceleration), (tau, 0.91 * rig.tau_max)):
-        assert (np.abs(x) <= most + 1e-9).all()
-
-
 def test_metrics_of_a_second_order_step_are_the_textbooks() -> None:
     """Overshoot exp(-π ζ/√(1 - ζ²)), error gone at the end."""
     t = np.arange(0, 4, 1e-3)
@@ -80,12 +58,10 @@ def test_metrics_of_a_ramp_are_exact_and_who_never_arrives_has_none() -> None:
     t = np.arange(0, 1.0001, 1e-3)
     angle = np.clip((t - 0.1) / 0.5, 0, 1)
     found = metrics(t, angle, angle, 1.0, 0.0)
-    assert found.rise_time == pytest.approx(0.4, abs=2e-3)
-    assert found.settling_time == pytest.approx(0.49, abs=2e-3)
-    late = metrics(t, np.ones_like(t), 0.5 * t, 1.0, 0.0)
-    still = metrics(t, 0 * t, t, 0.0, 0.0)
-    assert (still.rms_error, still.peak_error) == pytest.approx((np.sqrt(1 / 3), 1.0), rel=1e-3)
-    assert np.isnan([late.rise_time, late.settling_time, still.overshoot_percent]).all()
+    assert (found.rise_time, found.settling_time) == pytest.approx((0.4, 0.49), abs=2e-3)
+    late = metrics(t, np.ones_like(t), 1 - t, 1.0, 0.0)
+    assert (late.rms_error, late.peak_error) == pytest.approx((np.sqrt(1 / 3), 1.0), rel=1e-3)
+    assert np.isnan([late.rise_time, late.settling_time]).all()
 
 
 @cache
@@ -119,10 +95,8 @@ def test_every_controller_meets_the_same_noise_and_metrics_see_the_true_angle() 
     found = follow()
     run = found.of("roll", "ours")
     np.testing.assert_array_equal(run.q, found.of("roll", "again").q)
-    step = found.rig.motors[1].encoder_step
-    away = np.abs(run.q[:, 1] - run.log.q[:, 1])
-    assert 0.3 * step < away.max() <= 0.5 * step * (1 + 1e-6)
-    json.dumps(found.to_dict(), allow_nan=False)
+    away = np.abs(run.q[:, 1] - run.log.q[:, 1]).max() / found.rig.motors[1].encoder_step
+    assert 0.3 < away <= 0.5 * (1 + 1e-6)
 
 
 def test_steps_that_cannot_be_run_are_refused() -> None:
@@ -143,10 +117,14 @@ def know(share: float = 0.0, **known: Any) -> Model:
     return replace(model, drive=(), estimated=replace(model.estimated, **known))
 
 
-def judge(model: Model, delay: float = 0.0) -> Judgement:
+@cache
+def judge(delay: float = 0.0, **doubt: Any) -> Judgement:
+    """Return the judgement of one controller on plants that a model of a stated doubt leaves possible."""
     laws = pair_rivals(tune(know(), dt=DT, delay=0.0).stored)
     exact = Sensors.exact(2)
-    return judge_controllers(model, laws, rng=0, plants=3, delay=delay, sensors=exact, rest=0.5)
+    return judge_controllers(
+        know(**doubt), laws, rng=0, plants=3, delay=delay, sensors=exact, rest=0.5
+    )
 
 
 def test_without_doubt_and_noise_every_plant_is_the_single_simulation() -> None:
@@ -155,57 +133,30 @@ def test_without_doubt_and_noise_every_plant_is_the_single_simulation() -> None:
     law = tune(model, dt=DT, delay=0.0).controller
     log = simulate(model, law, reference, rng=0, sensors=Sensors.exact(2), delay=0)
     rms = np.std((reference.q - log.q)[125:], axis=0, mean=0.0)
-    errors = judge(model).errors["computed-torque"]
-    np.testing.assert_allclose(errors, [rms] * 3, rtol=1e-5)
-    np.testing.assert_array_equal(errors, judge(model).errors["computed-torque"])
+    np.testing.assert_allclose(judge().errors["computed-torque"], [rms] * 3, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
-    "doubts",
+    ("less", "more"),
     [
-        [{"share": 0.1}, {"share": 0.3}],
-        [{"missed": (0.0, 0.0)}],
-        [{"missed": (0.05, 0.05)}],
-        [{"noise": (0.02, 0.02)}],
+        ({}, {"share": 0.1}),
+        ({"share": 0.1}, {"share": 0.3}),
+        ({}, {"missed": (0.05, 0.05)}),
+        ({}, {"noise": (0.02, 0.02)}),
     ],
-    ids=["parameters", "friction at standstill", "missed torque", "noise"],
+    ids=["parameters", "more of them", "missed torque", "noise"],
 )
-def test_more_doubt_costs_error(doubts: list[dict[str, Any]]) -> None:
-    found = [judge(know()), *(judge(know(**doubt)) for doubt in doubts), judge(know(), 0.01)]
-    worst = [each.errors["computed-torque"].max(axis=0) for each in found]
-    assert (np.diff(worst[:-1], axis=0) > 0).all()
-    assert (worst[-1] > worst[0]).all()
+def test_more_doubt_costs_error(less: dict[str, Any], more: dict[str, Any]) -> None:
+    sure, unsure = (judge(**doubt).errors["computed-torque"].max(axis=0) for doubt in (less, more))
+    assert (unsure > sure).all()
 
 
 @pytest.mark.parametrize("bits", [8, None])
 def test_no_error_is_smaller_than_the_encoders_resolve(bits: int | None) -> None:
     """An encoder that nobody states is the one of the log: rounding to a step has a deviation of step/√12."""
     model = know(angle_noise=(1e-3, 2e-3))
-    motors = (Motor(4.0, encoder_bits=bits),) * 2
-    model = replace(model, rig=replace(model.rig, motors=motors))
-    laws = pair_rivals(tune(model, dt=DT).stored)
-    found = judge_controllers(model, laws, rng=0, plants=1)
+    model = replace(model, rig=replace(model.rig, motors=(Motor(4.0, encoder_bits=bits),) * 2))
+    found = judge_controllers(model, pair_rivals(tune(model, dt=DT).stored), rng=0, plants=1)
     step = 2 * np.pi / 2**8 / np.sqrt(12)
     np.testing.assert_allclose(found.resolved, [step, step] if bits else [1e-3, 2e-3])
     assert all((rows >= found.resolved).all() for rows in found.errors.values())
-
-
-def test_the_ratio_that_is_claimed_is_that_on_the_true_plant(tmp_path: Path) -> None:
-    """Another engine, friction of another form, 14-bit encoders, 4 ms of delay."""
-    gimbal = PLANTS["pan-tilt"]
-    rng = np.random.default_rng(0)
-    plant = Peer(gimbal, Flaws(np.full((2, 2), 0.015), 0.004, bits=14, stribeck=0.4))
-    (tmp_path / "rig.urdf").write_text(gimbal.write_urdf(payload=True))
-    rig = Rig.load(str(tmp_path / "rig.urdf"))
-    t = np.arange(0, 12, plant.dt)
-    phase = np.outer(t, [1.4, 1.6])
-    q = 0.25 * np.sin(phase) + 0.15 * np.sin(4 * phase)
-    motion = Motion(t, q, np.gradient(q, plant.dt, axis=0), 0 * q)
-    seen, _, torque = plant.run(Mover(plant.inertia(q[0]), plant.dt, 12.0), motion, rng)
-    log = Log("sines.csv", rig.joints, t, seen, None, torque, q_ref=q)
-    model = identify(rig, [log]).model
-    laws = pair_rivals(tune(model, delay=0.004).stored)
-    found = judge_controllers(model, laws, rng=0, plants=7, delay=0.004)
-    claimed = float(np.median(found.compute_ratios("computed-torque")[:, -1]))
-    _, true = measure_truth(plant, laws, model, rng)
-    assert true / 1.5 < claimed < 1.5 * true
