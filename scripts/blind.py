@@ -3,7 +3,7 @@
     scripts/blind draw --folder F --seed N   logs, rigs and truths: a sample (``--counts clean 30 single 60``)
     scripts/blind run --folder F             diagnoses what is not diagnosed yet
     scripts/blind store --folder F --csv C   the answers in one file, a line each, which ``judge --folder C`` reads too
-    scripts/blind judge --folder F           the table: every figure with Wilson bounds, must, aim, PASS or FAIL
+    scripts/blind judge --folder F           the table: every figure with Wilson bounds, must, PASS or FAIL
     scripts/blind --reliability --folder F   stated probabilities against the truth: table, picture and JSON in F
 
 ``draw`` and ``run`` go on where they were stopped; a log whose ``diagnosis.json`` is removed is diagnosed again.

@@ -1,22 +1,8 @@
 """The loop around the plant: sampled PD with an imperfect feed-forward, on what the sensors show."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import numpy as np
 
-from .rigs import Array
 from .rnea import inverse_dynamics
-
-
-@dataclass(frozen=True)
-class Gains:
-    """kp (N m/rad), kd (N m s/rad), each (n,); `trust` of the model's torque that is fed forward."""
-
-    kp: Array
-    kd: Array
-    trust: float
 
 
 def mass_matrix(rig, q):
@@ -29,11 +15,12 @@ def mass_matrix(rig, q):
 
 
 def _draw(rng, inertia, damped, held=()):
-    """A loop of 1.5–3.5 Hz around these inertias; joints that are held are held twice as fast."""
+    """A loop of 1.5–3.5 Hz around these inertias: kp (N m/rad), kd (N m s/rad), each (n,), and how much of the model's
+    torque is fed forward; joints that are held are held twice as fast."""
     omega = 2.0 * np.pi * rng.uniform(1.5, 3.5, len(inertia))
     omega[list(held)] *= 2.0
     damping = 2.0 * rng.uniform(0.6, damped, len(inertia))
-    return Gains(inertia * omega**2, damping * inertia * omega, rng.uniform(0.6, 1.0))
+    return inertia * omega**2, damping * inertia * omega, rng.uniform(0.6, 1.0)
 
 
 def draw_soft_gains(rng, rig, reference, held):
@@ -49,22 +36,22 @@ def draw_gains(rng, rig, reference):
     return _draw(rng, np.diag(mass_matrix(rig, reference.q.mean(axis=0))), 1.1)
 
 
-def feed_forward(model, reference, gains):
+def feed_forward(model, reference, trust):
     """trust · RNEA of the (wrong) model along the reference, and the dither: (N, n)."""
     torque = inverse_dynamics(model, reference.q, reference.dq, reference.ddq)
-    return reference.dither + gains.trust * torque
+    return reference.dither + trust * torque
 
 
-def closed_loop(rig, reference, gains, forward, seen):
+def closed_loop(rig, reference, kp, kd, forward, seen):
     """u = kp (q_ref - q) + kd (dq_ref - dq) + forward, clipped at the motors' limits, of measured q and dq."""
-    loop = list(zip(gains.kp.tolist(), gains.kd.tolist(), rig.tau_max.tolist()))
+    loop = list(zip(kp.tolist(), kd.tolist(), rig.tau_max.tolist()))
     wanted = list(zip(reference.q.tolist(), reference.dq.tolist(), forward.tolist()))
 
     def controller(k, q, v):
         measured = seen(k, q, v)
         command = []
-        for (kp, kd, limit), x_ref, dx_ref, ahead, x, dx in zip(loop, *wanted[k], *measured):
-            u = kp * (x_ref - x) + kd * (dx_ref - dx) + ahead
+        for (p, d, limit), x_ref, dx_ref, ahead, x, dx in zip(loop, *wanted[k], *measured):
+            u = p * (x_ref - x) + d * (dx_ref - dx) + ahead
             command.append(min(max(u, -limit), limit))
         return (*measured, command)
 

@@ -5,8 +5,6 @@ evenly over the block; the first plans of a longer sample are those of a shorter
 The plans of the drive strata are as people would make them: of all lengths, on gimbals and arms, with repeats and
 turns, joints left out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Random numbers that are drawn in many places."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,14 +1,11 @@
 """A case on disk: log and rig in one folder, the truth in another."""
 
-from __future__ import annotations
-
 import os
+from io import StringIO
 
 import numpy as np
 
 from .urdf import urdf_text, yaml_text
-
-FORMAT = "%.12g"
 
 
 def write_whole(path, text):
@@ -21,9 +18,10 @@ def write_whole(path, text):
 
 def csv_text(columns):
     """Header row, one row per sample, twelve digits."""
+    text = StringIO()
     table = np.column_stack(list(columns.values()))
-    line = ",".join([FORMAT] * table.shape[1])
-    return "\n".join([",".join(columns), *(line % tuple(row) for row in table.tolist())]) + "\n"
+    np.savetxt(text, table, "%.12g", delimiter=",", header=",".join(columns), comments="")
+    return text.getvalue()
 
 
 def write(case, folder):

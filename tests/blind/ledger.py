@@ -15,7 +15,7 @@ AT_REST = 1e-3
 
 @dataclass(frozen=True)
 class Ledger:
-    """command = rigid + viscous + dry + effect, each (N, n), N m, a mean over [t, t + period).
+    """command = rigid + viscous + `dry` + `effect`, each (N, n), N m, a mean over [t, t + period).
 
     `q v a` are the encoder's angle and its rates over the same hold; `dry` is the baseline's Coulomb share, which at
     standstill is whatever the balance needs up to its limit; `effect` is everything that a perfectly refitted rigid
@@ -25,8 +25,6 @@ class Ledger:
     v: Array
     a: Array
     command: Array
-    rigid: Array
-    viscous: Array
     dry: Array
     effect: Array
 
@@ -34,8 +32,8 @@ class Ledger:
 def baseline_dry(coulomb, trace):
     """F_c sign(v⁺) where it slides, and at rest the friction that acted, up to F_c."""
     at_rest = np.abs(trace.step_end_v) < AT_REST
-    acted = trace.step_dry + trace.step_bristle
-    return np.where(at_rest, np.clip(acted, -coulomb, coulomb), coulomb * np.sign(trace.step_end_v))
+    acted = np.clip(trace.step_dry, -coulomb, coulomb)
+    return np.where(at_rest, acted, coulomb * np.sign(trace.step_end_v))
 
 
 def settle(world, trace):
@@ -51,6 +49,5 @@ def settle(world, trace):
     viscous = held(rig.viscous * trace.step_v)
     dry = held(baseline_dry(rig.coulomb, trace))
     effect = trace.command - rigid - viscous - dry
-    return Ledger(
-        held(q), held(trace.step_v), held(trace.step_a), trace.command, rigid, viscous, dry, effect
-    )
+    motion = map(held, (q, trace.step_v, trace.step_a))
+    return Ledger(*motion, trace.command, dry, effect)

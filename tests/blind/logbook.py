@@ -1,17 +1,11 @@
 """From a true run to the columns of a log, as the sensors of either kind show it, and the noise that is in it."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter, welch
 
-from .rigs import Array
 from .rnea import GRAVITY
 from .sensors import ACCELEROMETER_DENSITY, GYRO_DENSITY, kept_rows, stamps, torque_noise
-from .visibility import CUTOFF_HZ, Channels, Spectrum, grid_rate, residual, rms
+from .visibility import CUTOFF_HZ, Blur, Channels, Spectrum, grid_rate, noise_of, rms
 
 AMBIENT = 25.0
 LONGEST_SEGMENT = 512
@@ -79,31 +73,23 @@ def shaken(columns, rng, rate):
     return noisy
 
 
-def noisy_channels(scene, trace, rng):
-    """What these sensors showed."""
-    noise = torque_noise(rng, scene.sensors, trace.command, scene.rate)
-    rate = trace.measured_v if scene.sensors.has_rate else None
-    return Channels(trace.measured_q, rate, trace.command + noise)
-
-
-def write_columns(scene, shown, extra, rng):
-    """The log as it is written: stamped, with rows lost, in every other log with the reference."""
-    t = scene.reference.t
-    columns = columns_of(scene.rig, stamps(rng, scene.sensors, t), shown) | extra
+def write_plainly(scene, world, trace, extra, noise_rng, rng):
+    """The log as plain sensors show it: stamped, with rows lost, in every other log with the reference; and how much
+    noise is in it."""
+    sensors = scene.sensors
+    tau = trace.command + torque_noise(noise_rng, sensors, trace.command, scene.rate)
+    noisy = Channels(trace.measured_q, trace.measured_v if sensors.has_rate else None, tau)
+    true_rate = trace.v if sensors.has_rate else None
+    clean = Channels(world.encoder(trace.q), true_rate, trace.command)
+    left, acceleration = noise_of(world.reference, noisy, clean, scene.rate)
+    extra = shaken(extra, rng, scene.rate)
+    columns = columns_of(scene.rig, stamps(rng, sensors, scene.reference.t), noisy) | extra
     columns |= _reference(scene, rng)
-    return select(columns, kept_rows(rng, scene.sensors.lost, len(t)))
+    kept = kept_rows(rng, sensors.lost, len(trace.t))
+    return select(columns, kept), Blur(rms(left), acceleration)
 
 
 # a drive's
-
-
-@dataclass(frozen=True)
-class Shown:
-    """`rows` of the run that the log has, stamps `t` (s), and the channels at them."""
-
-    rows: NDArray[np.intp]
-    t: Array
-    channels: Channels
 
 
 def _stamped(rng, jitter, t):
@@ -116,8 +102,11 @@ def _stamped(rng, jitter, t):
     return np.maximum.accumulate(t + late - least) + least
 
 
-def torque_shown(sensors, scene, trace, rows, noise):
-    """Reported torque (M, n), N m: low-passed, late, noisy (`noise` of unit rms), in steps, some rows old."""
+def torque_shown(scene, trace, rows, rng):
+    """Reported torque (M, n), N m: low-passed, late, noisy, in steps, some rows old."""
+    sensors = scene.sensors
+    rate = scene.rate / (rows[1] - rows[0])
+    noise = sensors.noise.series(rng, (len(rows), len(scene.rig.links)), rate)
     current = sensors.reported(trace.command, scene.rate)
     wanted = trace.t[rows] - sensors.torque_late
     clean = np.stack([np.interp(wanted, trace.t, column) for column in current.T], axis=1)
@@ -126,55 +115,48 @@ def torque_shown(sensors, scene, trace, rows, noise):
     return stepped[np.arange(len(rows)) // sensors.torque_every * sensors.torque_every]
 
 
-def show(sensors, scene, trace, every, rng):
-    """Every so manieth sample of the run, as these sensors show it."""
-    rows = np.arange(0, len(trace.t), every)
+def write_as_a_drive(scene, world, trace, extra, noise_rng, rng):
+    """The log as a drive's sensors show it, and how much noise is in it: some rows repeat the one before under their
+    own stamp, some are lost, half the logs have the reference."""
+    sensors = scene.sensors
+    rows = np.arange(0, len(trace.t), scene.every)
     past = np.maximum(rows - round(sensors.angle_late * scene.rate), 0)
-    noise = sensors.noise.series(rng, (len(rows), len(scene.rig.links)), scene.rate / every)
-    tau = torque_shown(sensors, scene, trace, rows, noise)
+    tau = torque_shown(scene, trace, rows, noise_rng)
     rate = trace.measured_v[past] if sensors.has_rate else None
     if sensors.has_rate and sensors.rate_step:
         rate = sensors.rate_step * np.round(rate / sensors.rate_step)
-    stamped = _stamped(rng, sensors.jitter, trace.t[rows])
-    return Shown(rows, stamped, Channels(trace.measured_q[past], rate, tau))
-
-
-def written(sensors, scene, shown, extra, rng):
-    """The log's columns: some rows repeat the one before under their own stamp, some are lost, half the logs have the
-    reference."""
-    rows = shown.rows
-    period = float(np.median(np.diff(shown.t)))
-    columns = columns_of(scene.rig, shown.t, shown.channels)
-    columns |= shaken(select(extra, rows), rng, 1.0 / period)
+    t = _stamped(noise_rng, sensors.jitter, trace.t[rows])
+    columns = columns_of(scene.rig, t, Channels(trace.measured_q[past], rate, tau))
+    columns |= shaken(select(extra, rows), rng, 1.0 / float(np.median(np.diff(t))))
     columns |= select(_reference(scene, rng), rows)
     source = np.arange(len(rows)) - (rng.random(len(rows)) < sensors.repeated)
     source[0] = 0
-    columns = select(columns, source) | {"t": shown.t}
-    return select(columns, kept_rows(rng, sensors.lost, len(rows)))
+    columns = select(columns, source) | {"t": t}
+    kept = kept_rows(rng, sensors.lost, len(rows))
+    return select(columns, kept), drive_noise(scene, world, trace, rows, t)
 
 
-def spectrum(sensors, scene, world, trace, shown):
+def drive_noise(scene, world, trace, rows, t):
     """Noise of the torque balance, as it stood before the current's low-pass, and its share of the
-    acceleration (n,), none where a joint is held.
+    acceleration, none where a joint is held.
 
     The torque's part in closed form, with its steps; what encoders and clock add, measured against the true run."""
-    rows = shown.rows
+    sensors = scene.sensors
     rate = scene.rate / (rows[1] - rows[0])
     clean = Channels(world.encoder(trace.q[rows]), None, trace.command[rows])
-    error = (shown.t - trace.t[rows])[:, None] * trace.v[rows]
+    error = (t - trace.t[rows])[:, None] * trace.v[rows]
     noisy = Channels(trace.measured_q[rows] + error, None, trace.command[rows])
-    (left, a), (true_left, true_a) = (residual(world.reference, x, rate) for x in (noisy, clean))
-    segment = min(LONGEST_SEGMENT, len(left))
-    hertz, read = welch(left - true_left, grid_rate(rate), nperseg=segment, axis=0)
+    left, share = noise_of(world.reference, noisy, clean, rate)
+    hertz, read = welch(left, grid_rate(rate), nperseg=min(LONGEST_SEGMENT, len(left)), axis=0)
     below = hertz <= CUTOFF_HZ
-    grid = np.arange(0.0, CUTOFF_HZ + 0.02, 0.02)[:, None]
+    grid = np.arange(0.0, CUTOFF_HZ + 0.02, 0.02)
     step = sensors.torque_step * scene.rig.tau_max
-    torque = (sensors.noise_share * rms(trace.command)) ** 2 * sensors.noise.density(grid, rate)
-    density = (torque + step**2 / (6.0 * rate)) / sensors.passed(grid)
-    whole = Spectrum(grid[:, 0], density + Spectrum(hertz[below], read[below]).at(grid[:, 0]))
-    share = rms(a - true_a) / np.maximum(rms(true_a), 1e-12)
+    colour = sensors.noise.density(grid, rate)[:, None]
+    torque = (sensors.noise_share * rms(trace.command)) ** 2 * colour
+    density = (torque + step**2 / (6.0 * rate)) / sensors.passed(grid)[:, None]
+    whole = Spectrum(grid, density + Spectrum(hertz[below], read[below]).at(grid))
     share[list(scene.still)] = 0.0
-    return whole, share
+    return Blur(whole.floor(), share, whole)
 
 
 # channels that do not belong together: to be told as *data*

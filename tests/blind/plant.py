@@ -27,8 +27,8 @@ class PlantDivergedError(RuntimeError):
 @dataclass(frozen=True)
 class Trace:
     """A run: per sample (N, n) the true q v at the encoder, what the controller measured, its held command; per step
-    (N · substeps, n) the mid-step q, v, a on the encoder's side, v at the step's end, dry friction and that of
-    bristles."""
+    (N · substeps, n) the mid-step q, v, a on the encoder's side, v at the step's end, and dry friction with that
+    of bristles."""
 
     t: Array
     q: Array
@@ -41,7 +41,6 @@ class Trace:
     step_a: Array
     step_end_v: Array
     step_dry: Array
-    step_bristle: Array
 
 
 def dry_friction(free, inverse, dofs, plus, minus, dt, friction):
@@ -176,16 +175,15 @@ def simulate(world, controller, start, samples, substeps):
             if world.base_path is not None:
                 stepper.follow_base()
             stepper.step(command)
-            channels = (stepper.state.q, stepper.state.v, stepper.a, stepper.v, stepper.dry)
-            for values in channels:
+            for values in (stepper.state.q, stepper.state.v, stepper.a, stepper.v):
                 steps.extend([values[d] for d in dofs])
-            steps.extend(stepper.state.bristle)
+            steps.extend([stepper.dry[d] + x for d, x in zip(dofs, stepper.state.bristle)])
         if not all(abs(x) < RUNAWAY for x in stepper.v):  # also where a speed is not a number
             raise PlantDivergedError(
                 f"speed {max(map(abs, stepper.v)):.3g} rad/s after {stepper.time:.3f} s"
             )
     t = np.arange(samples) * world.dt * substeps
-    return Trace(t, *_columns(rows, 5, world.joints), *_columns(steps, 6, world.joints))
+    return Trace(t, *_columns(rows, 5, world.joints), *_columns(steps, 5, world.joints))
 
 
 def _columns(values, channels, width):

@@ -129,7 +129,7 @@ def as_figures(found):
     count = sum(each.count for each in sure)
     name = "expected calibration error, ten bins"
     return [
-        Figure(name, found.error, (0.0, 1.0), found.count, (0.0, 0.05), (0.0, 0.02)),
+        Figure(name, found.error, (0.0, 1.0), found.count, (0.0, 0.05)),
         count_share("causes of 50 % and more that are right", right, count),
         count_share("visible causes that are not listed", found.unlisted, found.planted),
     ]

@@ -1,7 +1,5 @@
 """Rigs drawn at random: gimbals of one to three axes, handheld to heavy, and serial arms of one to seven joints."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

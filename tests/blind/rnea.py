@@ -1,7 +1,5 @@
 """Inverse dynamics of a chain for a whole log at once, in NumPy: a second opinion on MuJoCo, and the regressor."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .rigs import rotation_about

@@ -8,7 +8,7 @@ from math import exp, log
 
 import numpy as np
 
-from .control import Gains, closed_loop, mass_matrix
+from .control import closed_loop, mass_matrix
 from .effects import Context
 from .excitation import Reference
 from .ledger import settle
@@ -32,16 +32,19 @@ LARGEST = log(1e6)
 @dataclass(frozen=True)
 class Scene:
     """Everything but the effect. `rate`: the controller's samples a second; `noise_seed`: the sensors' noise, the same
-    in every run; `still`: joints that are held; `step`: longest step of the final run, s."""
+    in every run; `still`: joints that are held; `every`: so manieth sample is logged; `step`: longest step of the final
+    run, s."""
 
     rig: Rig
     reference: Reference
-    gains: Gains
+    kp: Array
+    kd: Array
     forward: Array
     sensors: Sensors | DriveSensors
     rate: float
     noise_seed: int
     still: tuple[int, ...] = ()
+    every: int = 1
     step: float = FINE_STEP
 
     @property
@@ -55,7 +58,7 @@ class Scene:
         world = World(self.rig, effects, 1.0 / (self.rate * substeps), self.seconds)
         samples = len(self.reference.t)
         seen = self.sensors.reader(world, samples, np.random.default_rng(self.noise_seed))
-        controller = closed_loop(world.rig, self.reference, self.gains, self.forward, seen)
+        controller = closed_loop(world.rig, self.reference, self.kp, self.kd, self.forward, seen)
         begin = self.reference.q[0].tolist(), self.reference.dq[0].tolist()
         return world, simulate(world, controller, begin, samples, substeps)
 

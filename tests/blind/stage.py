@@ -1,7 +1,5 @@
 """The stage of a log: which rig, moved how, with which joints left out, of the plain kind and as people have it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -32,10 +30,10 @@ def plain_scene(plan, rig, streams):
     reference = draw_reference(
         streams["motion"], rig, plan.excitation, plan.seconds, plan.rate, Habit()
     )
-    gains = draw_gains(streams["control"], rig, reference)
-    forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, gains)
+    kp, kd, trust = draw_gains(streams["control"], rig, reference)
+    forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, trust)
     seed = int(streams["noise"].integers(2**31))
-    return Scene(rig, reference, gains, forward, sensors, plan.rate, seed)
+    return Scene(rig, reference, kp, kd, forward, sensors, plan.rate, seed)
 
 
 def _turning_reference(plan, rig, joint, rate, held, seed):
@@ -78,21 +76,13 @@ def drive_scene(plan, full, streams):
     else:
         habit = repeated(held, samples, plan.repeats, rate)
         reference = draw_reference(rng, rig, plan.excitation, samples / rate, rate, habit)
-    gains = draw_soft_gains(streams["control"], rig, reference, held)
-    forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, gains)
+    kp, kd, trust = draw_soft_gains(streams["control"], rig, reference, held)
+    forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, trust)
     forward += _friction_forward(plan, rig, reference, streams["control"])
     sensors = draw_drive_sensors(streams["sensors"], plan.rate, plan.aligned)
     step = LONG_STEP if plan.seconds > LONG_S else MANY_STEP if plan.axes >= MANY else FINE_STEP
     seed = int(streams["noise"].integers(2**31))
-    return full, Scene(rig, reference, gains, forward, sensors, rate, seed, held, step)
-
-
-def given(plan, full, rng):
-    """The URDF's rig: exact where it is to be trusted, else off by 0–20 %, and its camera by more."""
-    if plan.trusted:
-        return full
-    rig = nominal(rng, full, rng.uniform(0.0, 0.2))
-    return rig.with_payload(rig.payload.inertia.times(1.0 + plan.camera_off))
+    return full, Scene(rig, reference, kp, kd, forward, sensors, rate, seed, held, every, step)
 
 
 def clear_of_alignment(effect):

@@ -1,12 +1,12 @@
 """The rig as text: URDF and the YAML beside it, which is all that a diagnoser may read of it."""
 
-from __future__ import annotations
-
 from math import atan2, hypot
+
+import numpy as np
 
 
 def _numbers(values):
-    return " ".join(f"{float(value):.12g}" for value in values)
+    return " ".join(f"{value:.12g}" for value in values)
 
 
 def roll_pitch_yaw(rotation):
@@ -22,19 +22,12 @@ def _origin(rotation, position):
 
 
 def _link(name, inertia):
-    tensor = inertia.tensor
-    entries = {
-        "ixx": (0, 0),
-        "ixy": (0, 1),
-        "ixz": (0, 2),
-        "iyy": (1, 1),
-        "iyz": (1, 2),
-        "izz": (2, 2),
-    }
-    moments = " ".join(f'{key}="{tensor[at]:.12g}"' for key, at in entries.items())
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    moments = inertia.tensor[np.triu_indices(3)]
+    entries = " ".join(f'{name}="{value:.12g}"' for name, value in zip(names, moments))
     return (
         f'  <link name="{name}">\n    <inertial>\n      <origin xyz="{_numbers(inertia.com)}" rpy="0 0 0"/>\n'
-        f'      <mass value="{inertia.mass:.12g}"/>\n      <inertia {moments}/>\n    </inertial>\n  </link>\n'
+        f'      <mass value="{inertia.mass:.12g}"/>\n      <inertia {entries}/>\n    </inertial>\n  </link>\n'
     )
 
 
@@ -51,13 +44,14 @@ def _joint(link, parent, motor, speed):
 def urdf_text(rig):
     """The rig as URDF."""
     parts = [f'<?xml version="1.0"?>\n<robot name="{rig.name}">\n  <link name="{rig.base}"/>\n']
-    parents = (rig.base, *(link.name for link in rig.links))
-    for link, parent, motor in zip(rig.links, parents, rig.motors, strict=False):
+    parent = rig.base
+    for link, motor in zip(rig.links, rig.motors):
         parts += [_link(link.name, link.inertia), _joint(link, parent, motor, rig.velocity_limit)]
+        parent = link.name
     payload = rig.payload
     parts.append(_link(payload.name, payload.inertia))
     parts.append(
-        f'  <joint name="{payload.joint}" type="fixed">\n    <parent link="{parents[-1]}"/>\n'
+        f'  <joint name="{payload.joint}" type="fixed">\n    <parent link="{parent}"/>\n'
         f'    <child link="{payload.name}"/>\n    {_origin(payload.rotation, payload.position)}\n  </joint>\n</robot>\n'
     )
     return "".join(parts)
@@ -65,19 +59,18 @@ def urdf_text(rig):
 
 def yaml_text(rig, encoder_bits, trusted):
     """The YAML beside the URDF: motors and limits, and whether the URDF's inertias are to be trusted."""
-    lines = ["urdf: rig.urdf", *(["inertia: trusted"] if trusted else []), "motors:"]
-    moving = [
-        (link, motor) for link, motor in zip(rig.links, rig.motors, strict=True) if not link.fixed
-    ]
-    for link, motor in moving:
-        lines.append(
+    heads = ["urdf: rig.urdf", *(["inertia: trusted"] if trusted else [])]
+    motors = ["motors:"]
+    limits = ["limits:"]
+    for link, motor in zip(rig.links, rig.motors):
+        if link.fixed:
+            continue
+        motors.append(
             f"  {link.joint}: {{torque_constant: {motor.torque_constant:.6g}, tau_max: {motor.tau_max:.6g}, "
             f"slots: {motor.slots}, poles: {motor.poles}, encoder_bits: {encoder_bits}}}"
         )
-    lines.append("limits:")
-    for link, motor in moving:
         travel = "" if link.continuous else f"lower: {link.lower:.6g}, upper: {link.upper:.6g}, "
-        lines.append(
+        limits.append(
             f"  {link.joint}: {{{travel}velocity: {rig.velocity_limit:.6g}, effort: {motor.tau_max:.6g}}}"
         )
-    return "\n".join(lines) + "\n"
+    return "\n".join([*heads, *motors, *limits, ""])

@@ -87,12 +87,11 @@ def residual(rig, shown, rate):
     return inner(left, rate), inner(a, rate)
 
 
-def noise_floor(rig, noisy, clean, rate):
-    """What sensor noise alone leaves of the true model's torque balance (N m rms, (n,)), and its share of the
-    acceleration."""
+def noise_of(rig, noisy, clean, rate):
+    """What sensor noise alone leaves of the true model's torque balance (N, n), and its share of the acceleration."""
     left, a = residual(rig, noisy, rate)
     true_left, true_a = residual(rig, clean, rate)
-    return rms(left - true_left), rms(a - true_a) / np.maximum(rms(true_a), 1e-12)
+    return left - true_left, rms(a - true_a) / np.maximum(rms(true_a), 1e-12)
 
 
 # in coloured noise: effect and baseline whitened by the noise's true spectrum
@@ -115,6 +114,16 @@ class Spectrum:
         return np.sqrt(np.trapezoid(self.at(below), below, axis=0))
 
 
+@dataclass(frozen=True)
+class Blur:
+    """What sensor noise does to each joint, (n,): torque balance (N m rms, smoothed) and share of the acceleration;
+    `noise`: its spectrum, where it is not white."""
+
+    floor: Array
+    acceleration: Array
+    noise: Spectrum | None = None
+
+
 def whitened(x, spectrum, rate):
     """Fourier coefficients of x (N, n, p) up to CUTOFF_HZ, such that this noise's have a mean square of one."""
     window = np.hanning(len(x))[:, None, None]
@@ -135,7 +144,7 @@ def size(effect, columns, spectrum, rate):
     return rms(np.abs(wanted - (used @ fit).reshape(wanted.shape)))
 
 
-def seen(rig, ledger, spectrum, rate, trusted):
+def seen(spectrum, rig, ledger, rate, trusted):
     """Projected effect over noise of each joint, (n,), as `size` has it."""
     columns = baseline_columns(rig, ledger, rate, trusted)
     return size(blocks(ledger.effect, rate), columns, spectrum, grid_rate(rate))

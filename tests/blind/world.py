@@ -1,7 +1,5 @@
 """The compiled plant: MuJoCo's model, which degree of freedom is whose, and the state that laws read and write."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

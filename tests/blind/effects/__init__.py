@@ -1,7 +1,5 @@
 """Every effect that may be hidden: the published causes, each in one form or more, and those from outside."""
 
-from __future__ import annotations
-
 from .base import Context, Effect
 from .drive import (
     ActuatorLag,

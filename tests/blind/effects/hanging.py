@@ -9,8 +9,8 @@ from operator import mul
 import numpy as np
 
 from ..mjcf import Appendage, Hinge
-from ..rigs import Inertia, cube_edge, point_mass
-from .base import Effect
+from ..rigs import EYE, Inertia, cube_edge, point_mass
+from .base import Effect, Forms
 
 Vector = tuple[float, float, float]
 
@@ -32,7 +32,8 @@ def _draw_place(rng, rig, reach):
 
 
 class Hanging(Effect):
-    """A ball on one or two hinges or slides of its own, on the last link; `frozen` where a rigid model would put it."""
+    """A ball on hinges or slides (its `shape`) of its own along some axes, on the last link; `frozen` where a rigid
+    model would put it."""
 
     mass: float
     place: Vector
@@ -41,12 +42,12 @@ class Hanging(Effect):
     stiff = True
     in_band = True
 
+    def axes(self):
+        """Return the directions of its degrees of freedom."""
+        return [self.direction]
+
     def ball(self, rig):
         """Return its centre, seen from `place`, and its radius, m."""
-        raise NotImplementedError
-
-    def hinges(self):
-        """Return its degrees of freedom."""
         raise NotImplementedError
 
     def spring(self, rig):
@@ -55,17 +56,16 @@ class Hanging(Effect):
 
     def appendages(self, rig):
         com, radius = self.ball(rig)
-        inertia = Inertia(self.mass, np.array(com), 0.4 * self.mass * radius**2 * np.eye(3))
-        return (
-            Appendage(self.cause, len(rig.links) - 1, np.array(self.place), self.hinges(), inertia),
-        )
+        inertia = Inertia(self.mass, np.array(com), 0.4 * self.mass * radius**2 * EYE)
+        hinges = [Hinge(f"hanging_{i}", self.shape, axis) for i, axis in enumerate(self.axes())]
+        return [Appendage(self.cause, len(rig.links) - 1, np.array(self.place), hinges, inertia)]
 
     def frozen(self, rig):
         (item,) = self.appendages(rig)
         return rig.with_body(item.parent, item.inertia.seen_from(item.rotation, item.position))
 
     def force(self, world):
-        dofs = [world.named(hinge.name) for hinge in self.hinges()]
+        dofs = [world.named(f"hanging_{i}") for i in range(len(self.axes()))]
         spring, damper = self.spring(world.rig)
 
         def law(state):
@@ -80,12 +80,11 @@ class Pendulum(Hanging):
 
     length: float
 
-    def hinges(self):
-        kind = "slide" if self.form == "sprung-slides" else "hinge"
-        return tuple(Hinge(f"{self.cause}_{i}", kind, np.eye(3)[i]) for i in range(2))
+    def axes(self):
+        return EYE[:2]
 
     def frozen(self, rig):
-        return rig.with_body(len(rig.links) - 1, point_mass(self.mass, np.array(self.place)))
+        return rig.with_body(-1, point_mass(self.mass, np.array(self.place)))
 
 
 class Slosh(Pendulum):
@@ -94,7 +93,7 @@ class Slosh(Pendulum):
     damping_ratio: float
 
     cause = "slosh"
-    foreign = ("pendulum", "sprung-slides")
+    foreign = Forms({"pendulum": "hinge", "sprung-slides": "slide"})
     kin = ("payload-shift",)
 
     @staticmethod
@@ -109,8 +108,9 @@ class Slosh(Pendulum):
 
     def spring(self, rig):
         omega = (9.81 / self.length) ** 0.5
-        inertia = self.mass * (self.length**2 if self.form == "pendulum" else 1.0)
-        spring = 0.0 if self.form == "pendulum" else inertia * omega**2
+        hanging = self.form == "pendulum"
+        inertia = self.mass * (self.length**2 if hanging else 1.0)
+        spring = 0.0 if hanging else inertia * omega**2
         return spring, 2.0 * self.damping_ratio * omega * inertia
 
 
@@ -118,7 +118,7 @@ class CableWhip(Pendulum):
     """A cable that hangs from the first link: a double-hinged pendulum of its own length, well damped."""
 
     cause = "cable-whip"
-    foreign = ("pendulum",)
+    foreign = Forms({"pendulum": "hinge"})
     kin = ("cable-spring",)
 
     @staticmethod
@@ -143,7 +143,7 @@ class Rattle(Hanging):
     play: float
 
     cause = "loose-payload"
-    foreign = ("slide", "hinge")
+    foreign = Forms({"slide": "slide", "hinge": "hinge"})
     kin = ("backlash", "payload-shift")
 
     @staticmethod
@@ -157,12 +157,8 @@ class Rattle(Hanging):
         arm = 0.0 if self.form == "slide" else 0.3
         return arm * edge_of(rig) * np.roll(self.direction, 1), 0.1 * edge_of(rig)
 
-    def hinges(self):
-        return (Hinge("rattle", self.form, np.array(self.direction)),)
-
     def force(self, world):
-        dof = world.named("rattle")
-        half = 0.5 * self.play
+        dof = world.named("hanging_0")
         size = self.mass if self.form == "slide" else self.mass * (0.3 * edge_of(world.rig)) ** 2
         omega = 2.0 * pi * 60.0
         spring = size * omega**2
@@ -172,7 +168,7 @@ class Rattle(Hanging):
             x = state.q[dof]
             v = state.v[dof]
             state.force[dof] -= 0.5 * size * v
-            depth = abs(x) - half
+            depth = abs(x) - 0.5 * self.play
             if depth > 0.0:
                 side = 1.0 if x > 0.0 else -1.0
                 state.force[dof] -= side * max(spring * depth + side * damper * v, 0.0)
@@ -188,7 +184,7 @@ class MountResonance(Hanging):
     damping_ratio: float
 
     cause = "mount-resonance"
-    foreign = ("turning", "shifting")
+    foreign = Forms({"turning": "hinge", "shifting": "slide"})
     kin = ("joint-flexibility",)
     widest = 100.0
 
@@ -204,10 +200,6 @@ class MountResonance(Hanging):
 
     def ball(self, rig):
         return (0.0, 0.0, 0.0), 0.5 * edge_of(rig) / 0.4**0.5
-
-    def hinges(self):
-        kind = "hinge" if self.form == "turning" else "slide"
-        return (Hinge("mount", kind, np.array(self.direction)),)
 
     def spring(self, rig):
         turning = self.form == "turning"
@@ -241,7 +233,8 @@ class Flywheel(Effect):
             axes = data.xaxis[dofs].tolist()
             turn = data.xmat[body].tolist()
             spin = [sum(map(mul, turn[row : row + 3], self.direction)) for row in (0, 3, 6)]
-            rate = [sum(axis[i] * state.v[dof] for axis, dof in zip(axes, dofs)) for i in range(3)]
+            speeds = [state.v[dof] for dof in dofs]
+            rate = [sum(map(mul, along, speeds)) for along in zip(*axes)]
             pull = [spin[i - 2] * rate[i - 1] - spin[i - 1] * rate[i - 2] for i in range(3)]
             size = self.momentum
             if self.form == "spinning-up":
