@@ -21,11 +21,6 @@ def deflate() -> bytes:
     return block * BLOCKS + pack.flush()
 
 
-def gz() -> bytes:
-    """Return a gzip file without a checksum."""
-    return b"\x1f\x8b\x08\0\0\0\0\0\0\xff" + deflate() + bytes(8)
-
-
 def npz(stated: int) -> bytes:
     """Return an archive of one array that states a size, true or not."""
     content = deflate()
@@ -44,17 +39,4 @@ def hdf5() -> bytes:
     sink = io.BytesIO()
     with h5py.File(sink, "w") as file:
         file.create_dataset("t", (2**40,), "f8", chunks=(BLOCK,), compression="gzip")
-    return sink.getvalue()
-
-
-def parquet(groups: int) -> bytes:
-    """Return Parquet of one column without a value, 128 MiB of doubles a group."""
-    import pyarrow
-    import pyarrow.parquet
-
-    sink = io.BytesIO()
-    table = pyarrow.table({"t": pyarrow.nulls(BLOCK, pyarrow.float64())})
-    with pyarrow.parquet.ParquetWriter(sink, table.schema, write_statistics=False) as file:
-        for _ in range(groups):
-            file.write_table(table)
     return sink.getvalue()

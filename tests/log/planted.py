@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas
 
-from gimbal_pin.log import Imu, Log
+from gimbal_pin.log import Imu, Log, log_columns
 from tests.log.writers import Columns
 from tests.rigs import bundled
 
@@ -49,18 +49,12 @@ def held(values: np.ndarray | None) -> np.ndarray:
 def same(a: Log, b: Log) -> None:
     """Assert that two logs hold the same numbers, bit by bit, signs of zeros included."""
     assert a.joints == b.joints
-    assert a.imus.keys() == b.imus.keys()
-    pairs = [(getattr(a, name), getattr(b, name)) for name in ("t", "q", "v", "tau", "q_ref")]
-    for link, imu in a.imus.items():
-        other = b.imus[link]
-        pairs += [(imu.gyro, other.gyro), (imu.accel, other.accel), (imu.quat, other.quat)]
-    for one, two in [*pairs, (a.temperature, b.temperature)]:
-        assert (one is None) == (two is None)
-        assert one is None or one.tobytes() == two.tobytes()
+    one, other = ({name: x.tobytes() for name, x in log_columns(log).items()} for log in (a, b))
+    assert one == other
 
 
-def agree(log: Log, expected: Log) -> None:
+def agree(log: Log, expected: Log, within: float = 1e-9) -> None:
     """Compare a log with what was written, its times from the first sample on."""
     np.testing.assert_allclose(log.t - log.t[0], expected.t - expected.t[0], atol=1e-6)
-    for name in ("q", "v", "tau"):
-        np.testing.assert_allclose(getattr(log, name), getattr(expected, name), atol=1e-9)
+    for name, values in expected.channels.items():
+        np.testing.assert_allclose(getattr(log, name), values, atol=within)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,7 @@ from gimbal_pin.log import (
     read_log,
     write_yaml,
 )
-from tests.log.planted import TURRET, T, held, planted, write_csv
+from tests.log.planted import TURRET, T, agree, held, planted, write_csv
 
 PI = math.pi
 EXPRESSIONS: Mapping[str, tuple[str, float, float]] = {
@@ -83,15 +85,8 @@ def test_one_mapping_is_a_text_a_path_or_a_table(tmp_path: Path) -> None:
     path = tmp_path / "map.yaml"
     write_yaml(table, path)
     several = [f"{target}={source}" for target, source in table.items()]
-    given_mappings: list[Any] = [
-        str(path),
-        path,
-        table,
-        several,
-        ["t=row", path],
-        [path, several[2]],
-    ]
-    for mapping in given_mappings:
+    forms: list[Any] = [str(path), path, table, several, ["t=row", path], [path, several[2]]]
+    for mapping in forms:
         log = read_log(tmp_path / "log.csv", TURRET, mapping, need_tau=False)
         np.testing.assert_allclose(log.q, [[0, -0.5], [PI / 90, -1.5], [PI / 45, -2.5]])
 
@@ -133,53 +128,45 @@ def test_a_mapping_that_cannot_be_used_is_refused(entry: str, said: str, tmp_pat
 AMPERES = 0.0027 * np.array([motor.torque_constant for motor in TURRET.motors])
 
 
-def complete(text: str, values: Mapping[str, str]) -> list[str]:
-    """Return the entries of the ``--map`` options in a text, parts in capitals replaced."""
-    for name, value in values.items():
-        text = text.replace(name, value)
-    words = shlex.split(text)
-    return [words[k + 1] for k, word in enumerate(words) if word == "--map"]
-
-
 @pytest.mark.parametrize(
-    ("names", "units", "values"),
+    ("names", "units", "unknown", "value"),
     [
-        (("time", "pos_{}", "effort_{}"), (1, 1, 1), {}),
+        (("time", "pos_{}", "effort_{}"), (1, 1, 1), "", ""),
         (
             ("time_ms", "present_position_{}", "tau_{}"),
             (1e-3, 2 * PI / 4096, 1),
-            {"COUNTS_PER_TURN": "4096"},
+            "COUNTS_PER_TURN",
+            "4096",
         ),
-        (("t", "{} [cnt]", "tau_{}"), (1, 2 * PI / 65536, 1), {"COUNTS_PER_TURN": "65536"}),
-        (("t", "{}.pos", "tau_{}"), (1, 0.02, 1), {"RAD_PER_UNIT": "0.02"}),
-        (("t", "angle_{}", "tau_{}"), (1, 0.002, 1), {"RAD_PER_UNIT": "0.002"}),
-        (("t", "q_{}", "current_{}"), (1, 1, AMPERES), {"AMPERES_PER_UNIT": "0.0027"}),
+        (("t", "{} [cnt]", "tau_{}"), (1, 2 * PI / 65536, 1), "COUNTS_PER_TURN", "65536"),
+        (("t", "{}.pos", "tau_{}"), (1, 0.02, 1), "RAD_PER_UNIT", "0.02"),
+        (("t", "q_{}", "current_{}"), (1, 1, AMPERES), "AMPERES_PER_UNIT", "0.0027"),
     ],
 )
 def test_the_correction_of_an_error_reads_the_log_once_completed(
     names: tuple[str, str, str],
     units: tuple[float, float, Any],
-    values: Mapping[str, str],
+    unknown: str,
+    value: str,
     tmp_path: Path,
 ) -> None:
     """Counts are whole numbers, currents registers without a sign."""
-    log = planted()
+    log = replace(planted(), v=None)
     q = log.q / units[1]
     tau = held(log.tau) / units[2]
-    if "COUNTS_PER_TURN" in values:
+    if unknown == "COUNTS_PER_TURN":
         q = np.round(q)
-    if "AMPERES_PER_UNIT" in values:
+    if unknown == "AMPERES_PER_UNIT":
         tau = np.round(tau) % 65536
     columns = {names[0]: T / units[0]}
-    for name, x in ((names[1], q), (names[2], tau)):
-        columns |= {name.format(joint): x[:, j] for j, joint in enumerate(TURRET.joints)}
+    for j, joint in enumerate(TURRET.joints):
+        columns |= {names[1].format(joint): q[:, j], names[2].format(joint): tau[:, j]}
     path = write_csv(columns, tmp_path / "log.csv")
     with pytest.raises(LogError) as caught:
         read_log(path, TURRET)
-    assert all(name in caught.value.mend for name in values)
-    read = read_log(path, TURRET, complete(caught.value.mend, values))
-    np.testing.assert_allclose(read.t, T, atol=1e-9)
-    step = units[1] if "COUNTS_PER_TURN" in values else 1e-9
-    np.testing.assert_allclose(read.q - read.q[0], log.q - log.q[0], atol=1.01 * step)
-    rounding = 0.51 * AMPERES if "AMPERES_PER_UNIT" in values else 1e-9
-    assert (np.abs(held(read.tau) - held(log.tau)) < rounding).all()
+    assert unknown in caught.value.mend
+    words = shlex.split(caught.value.mend.replace(unknown or "--", value or "--"))
+    entries = [after for word, after in pairwise(words) if word == "--map"]
+    read = read_log(path, TURRET, entries)
+    step = {"COUNTS_PER_TURN": units[1], "AMPERES_PER_UNIT": AMPERES.max()}.get(unknown, 1e-9)
+    agree(replace(read, q=read.q - read.q[0] + log.q[0]), log, 1.01 * step)

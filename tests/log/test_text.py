@@ -7,6 +7,7 @@ without a sign are the numbers that they stand for; what is left out is said.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -171,13 +172,13 @@ def test_rows_that_lack_a_value_or_repeat_or_come_before_time_goes_on_are_left_o
 def test_registers_logged_without_their_sign_are_read_with_it(bits: int, tmp_path: Path) -> None:
     """Counts about the middle of a register are none."""
     log = planted()
-    columns = {name: x for name, x in log_columns(log).items() if name[:2] != "dq"}
-    whole = {name: np.round(1000 * x) % 2**bits for name, x in columns.items() if name != "t"}
-    middle = 2 ** (bits - 1) + np.round(1000 * log.q[:, 0])
-    path = write_csv({"t": T, **whole, "temp_pan": middle, "temp_tilt": T}, tmp_path / "log.csv")
-    scaled = [f"{name}={name}*1e-3" for name in whole]
-    read = read_log(path, TURRET, ["temp_pan=temp_pan*1e-9", *scaled])
-    np.testing.assert_allclose(read.q, log.q, atol=0.51e-3)
-    np.testing.assert_allclose(held(read.tau), held(log.tau), atol=0.51e-3)
-    np.testing.assert_array_equal(held(read.temperature)[:, 0], 1e-9 * middle)
+    columns = log_columns(replace(log, v=None))
+    whole = {name: np.round(1000 * x) for name, x in columns.items() if name != "t"}
+    middle = {f"temp_{joint}": 2 ** (bits - 1) + whole[f"q_{joint}"] for joint in log.joints}
+    registers = {name: x % 2**bits for name, x in (whole | middle).items()}
+    scales = [f"{name}={name}*1e-{3 if name in whole else 9}" for name in registers]
+    read = read_log(write_csv({"t": T, **registers}, tmp_path / "log.csv"), TURRET, scales)
+    for name, x in log_columns(read).items():
+        expected = T if name == "t" else 1e-9 * middle[name] if name in middle else columns[name]
+        np.testing.assert_allclose(x, expected, atol=0.51e-3)
     assert f"{bits} bits" in read.events[0]
