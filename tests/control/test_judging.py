@@ -141,10 +141,12 @@ def test_without_doubt_and_noise_every_plant_is_the_single_simulation() -> None:
     [
         ({}, {"share": 0.1}),
         ({"share": 0.1}, {"share": 0.3}),
-        ({}, {"missed": (0.05, 0.05)}),
+        ({}, {"missed": (0.0, 0.0)}),
+        ({"missed": (0.0, 0.0)}, {"missed": (0.05, 0.05)}),
         ({}, {"noise": (0.02, 0.02)}),
+        ({}, {"delay": 0.01}),
     ],
-    ids=["parameters", "more of them", "missed torque", "noise"],
+    ids=["parameters", "more of them", "friction at standstill", "missed torque", "noise", "delay"],
 )
 def test_more_doubt_costs_error(less: dict[str, Any], more: dict[str, Any]) -> None:
     sure, unsure = (judge(**doubt).errors["computed-torque"].max(axis=0) for doubt in (less, more))

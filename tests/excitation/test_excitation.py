@@ -194,6 +194,7 @@ def test_limits_that_nobody_states_are_assumed_and_said() -> None:
     assert {one.quantity for one in said} == {"velocity", "acceleration", "lower", "upper"}
     rates = np.array([limit.velocity for limit in safe.limits])
     assert rates @ compute_joint_reach(rig) == pytest.approx(0.25)
+    np.testing.assert_allclose([limit.acceleration for limit in safe.limits], np.pi * rates)
     found = excite(free, starts=1, rng=0, seconds=5.0)
     assert found.assumed == said
     assert assume_limits(safe) == (safe, ())

@@ -60,30 +60,18 @@ def test_a_forecast_is_used_while_it_errs_less_than_none() -> None:
     assert fly(replace(AHEAD, learns=False), w[:4400], f[:4400])[-1].trust == 0.0
 
 
-def test_without_a_lead_a_motion_is_seen_as_it_was_half_a_sample_ago() -> None:
-    """Of one that becomes faster in proportion to time."""
-    forecast = Forecast(spectrum(), (PID,), DT, (0.0,))
-    ramp = np.outer(DT * np.arange(60), [1.0, 2.0, 3.0])
-    (seen,) = forecast.ahead(fly(forecast, ramp, ramp)[-1])
-    np.testing.assert_allclose(seen.f, 0.0585 * np.array([1.0, 2.0, 3.0]))
-    np.testing.assert_allclose(seen.w, seen.f)
-    np.testing.assert_allclose(seen.dw, [1.0, 2.0, 3.0])
-
-
 def test_the_spectrum_parts_noise_from_motion() -> None:
     found = spectrum()
     assert np.sqrt(found.rate_noise) == pytest.approx(NOISE.gyro, rel=0.1)
     assert np.sqrt(found.force_noise) == pytest.approx(NOISE.accelerometer, rel=0.1)
     moved = profile_s(DT * np.arange(8000), np.random.default_rng(9), 0.5)
     power = np.sum(found.rate) * found.f[1]
-    line = found.rate[np.abs(found.f - 75.0) < 1.0]  # rotors do not keep their speed
-    assert line.min() > 0.3 * line.max()
     assert power == pytest.approx(1.01 * np.mean(moved.w**2), rel=0.15)
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.01])
 def test_fusion_halves_the_gyros_walk_and_ends_where_one_has_a_wrong_scale(scale: float) -> None:
-    """On a platform that swings by 5° at half a hertz; what was corrected till the end stays."""
+    """On a platform that swings by 5° at half a hertz."""
     rng = np.random.default_rng(1)
     fusion = Fusion(NOISE.gyro, 2 * pi / 2**16, DT)
     memory = Fused.begun([np.eye(3)], np.zeros((1, 3)))
@@ -96,14 +84,11 @@ def test_fusion_halves_the_gyros_walk_and_ends_where_one_has_a_wrong_scale(scale
         q = np.rint(radians(5) * np.sin(pi * k * DT) / fusion.step) * fusion.step
         camera = camera @ pin.exp3((last + noise[0]) * DT / 2)
         last = noise[0]
-        before = memory.turn
         memory = memory.on(noise[1:] + np.array([0, (1 + scale) * rate, 0]), DT)
         memory = fusion.compared(memory, camera, [pin.exp3(np.array([0, -q, 0]))])
         if k % 200 == 0:
             walks.append([pin.log3(camera), pin.log3(camera @ pin.exp3(memory.turn))])
     assert memory.ended == (scale > 0)
-    rate = 0 * before if memory.ended else (memory.turn - before) / DT
-    np.testing.assert_allclose(memory.rate, rate)
     own, fused = np.mean(np.diff(walks, axis=0) ** 2, axis=(0, 2))
     assert memory.ended or fused < 0.7 * own
 
