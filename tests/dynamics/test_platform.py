@@ -1,7 +1,7 @@
-"""Laws of a platform's motion, and of the plant that it carries.
+"""Laws of a platform's motion.
 
 A motion's rates are its attitude's derivative and its specific force is turned gravity; a measured motion is the true
-one below the cutoff; a profile has the power that it states; the plant that it carries converges as its step shrinks.
+one below the cutoff; a profile has the power that it states.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gimbal_pin.dynamics import Plant, State, nominal
 from gimbal_pin.effects import BaseTilt
 from gimbal_pin.log import Array, Imu, Platform, profile_s
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE
 from gimbal_pin.rig import GRAVITY
-from tests.rigs import bundled
 
 UP = np.array([0.0, 0.0, GRAVITY])
 DT = 1e-3
@@ -80,18 +78,3 @@ def test_a_slow_sway_is_told_from_a_gyros_noise_and_bias(sway: float, motion: st
     turns = sway * np.sin(2 * np.pi * t)[:, None]
     assert Platform(t, UP + noise, 0.01 + noise + turns, 0 * noise).motion == motion
     assert Platform.still(t, 0.05).motion == "tilted"
-
-
-def test_the_plant_on_a_shaken_platform_converges() -> None:
-    """With the third power of a step at whose ends alone the platform's motion is known."""
-    ends = []
-    for parts in (1, 2, 16):
-        dt = DT / parts
-        platform = profile_s(dt * np.arange(100 * parts + 1), np.random.default_rng(5))
-        plant = Plant(nominal(bundled("turret")), platform)
-        state = State(np.array([0.3, 0.2]), np.array([3.0, -3.0]))
-        for k in range(100 * parts):
-            state = plant.step(k * dt, state, np.array([0.05, -0.05]), dt)
-        ends.append(state.q)
-    coarse, fine = (np.abs(end - ends[-1]).max() for end in ends[:2])
-    assert coarse < 1e-4 and fine < coarse / 6

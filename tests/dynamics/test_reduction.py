@@ -38,12 +38,6 @@ TABLE = (
 """Bodies 1, 2, 3 are spine, fork, cradle; friction stands by itself."""
 ZERO = ("spine.Ixx", "spine.Izz", "spine.mx", "spine.my", "spine.mz", "fork.my")
 """(4.33)."""
-COUNTS = {
-    ("thesis", True): (9, 11, 12),
-    ("handheld", False): (15, 17, 21),
-    ("turret", False): (8, 10, 14),
-}
-"""What a base that stands, leans, turns shows of full and of diagonal inertias."""
 
 
 def measure_subspace(matrix: Array) -> Array:
@@ -68,15 +62,6 @@ def test_textbook_base_parameters_and_levers() -> None:
     assert reduce_parameters(odd("pendulum")).base_names == ("a.Iyy", "a.mx", "a.mz")
     two = ("a.Iyy + 0.09*b.m", "a.mx", "a.mz - 0.3*b.m", "b.Iyy", "b.mx", "b.mz")
     assert reduce_parameters(odd("double-pendulum")).base_names == two
-
-
-@pytest.mark.parametrize(("name", "diagonal"), COUNTS)
-def test_a_lean_adds_two_and_turning_more_and_none_takes_any(name: str, diagonal: bool) -> None:
-    rig = bundled(name)
-    found = [reduce_parameters(rig, diagonal, base) for base in BASE_MOTIONS]
-    assert tuple(len(one.independent) for one in found) == COUNTS[name, diagonal]
-    fixed, tilted, rotating = (set(one.independent) for one in found)
-    assert fixed < tilted < rotating
 
 
 @pytest.mark.parametrize("base", BASE_MOTIONS)
@@ -114,23 +99,18 @@ def test_base_parameters_span_what_the_svd_does_and_predict_the_torque_of_any_bo
     assert (again.independent, again.zero) == (reduction.independent, reduction.zero)
 
 
-@given(
-    st.lists(st.sampled_from(["free", "free", "sum", "zero"]), min_size=1, max_size=12),
-    st.integers(0, 2**32 - 1),
-)
-def test_planted_dependence_is_found_whatever_the_units(kinds: list[str], seed: int) -> None:
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12))
+def test_planted_dependence_is_found_whatever_the_units(seed: int, width: int) -> None:
     """Dependent columns are sums of independent ones to their left; units scale all columns."""
     rng = np.random.default_rng(seed)
-    free = [j for j, kind in enumerate(kinds) if kind == "free"]
-    mixing = np.zeros((len(free), len(kinds)))
-    mixing[np.arange(len(free)), free] = 1.0
-    for j in np.flatnonzero(np.array(kinds) == "sum"):
-        earlier = np.array(free) < j
-        mixing[earlier, j] = rng.choice([-1, 1]) * rng.uniform(0.1, 10, earlier.sum())
-    units = 10.0 ** rng.uniform(-2, 2, len(kinds))
-    matrix = rng.normal(size=(4 * len(kinds) + 8, len(free))) @ mixing * units
-    found = scan_columns(matrix, tuple(map(str, range(len(kinds)))))
+    kinds = rng.choice(["free", "free", "sum", "zero"], width)
+    free = np.flatnonzero(kinds == "free")
+    mixing = (kinds == "sum") * (free[:, None] < np.arange(width)) * rng.uniform(-3, 3, width)
+    mixing[:, free] = np.eye(len(free))
+    units = 10.0 ** rng.uniform(-2, 2, width)
+    matrix = rng.normal(size=(4 * width + 8, len(free))) @ mixing * units
+    found = scan_columns(matrix, tuple(map(str, range(width))))
     assert found.independent == tuple(free)
-    assert found.zero == tuple(j for j in range(len(kinds)) if not mixing[:, j].any())
+    assert found.zero == tuple(np.flatnonzero(~mixing.any(axis=0)))
     planted = mixing * units / units[free, None]
     np.testing.assert_allclose(found.mixing, planted, rtol=1e-6, atol=1e-10)
