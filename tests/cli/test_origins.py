@@ -16,19 +16,18 @@ from tests.command_line import Run, refused
 TEXT = (data_folder() / "turret.urdf").read_text()
 
 
-def list_calls(rig: object, made: Path, out: Path) -> list[tuple[object, ...]]:
+def list_calls(rig: object, made: Path, out: Path) -> list[list[str]]:
     """Return calls of every verb that takes a model or a controller beside a rig."""
     model = made / "model.yaml"
     controller = made / "controller.yaml"
-    camera = ("--payload", "cinema")
-    simulate = ("simulate", rig, "-o", out / "log.csv", "--seconds", 1, *camera)
-    return [
-        ("tune", rig, model, "-o", out / "again.yaml", "--plants", 1, *camera),
-        (*simulate, "--model", model),
-        (*simulate, "--controller", controller),
-        ("track", rig, controller, "--plants", 1, *camera),
-        ("export", controller, "--rig", rig, "--odrive", out / "drive.json", *camera),
-    ]
+    calls = (
+        f"tune {rig} {model} -o {out}/again.yaml --plants 1",
+        f"simulate {rig} -o {out}/log.csv --seconds 1 --model {model}",
+        f"simulate {rig} -o {out}/log.csv --seconds 1 --controller {controller}",
+        f"track {rig} {controller} --plants 1",
+        f"export {controller} --rig {rig} --odrive {out}/drive.json",
+    )
+    return [[*call.split(), "--payload", "cinema"] for call in calls]
 
 
 @pytest.mark.parametrize(

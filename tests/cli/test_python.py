@@ -33,17 +33,10 @@ def recorded() -> Log:
 WRONG: Mapping[str, Callable[[], Any]] = {
     "identify: logs": lambda: gp.identify(RIG, ["log.csv"]),  # type: ignore[list-item]
     "identify: rig": lambda: gp.identify("turret", recorded()),  # type: ignore[arg-type]
-    "estimator.*weighted": lambda: gp.identify(RIG, recorded(), estimator="least"),
-    "identify: trust": lambda: gp.identify(RIG, recorded(), trust="much"),  # type: ignore[arg-type]
     "cog": lambda: gp.identify(RIG, recorded(), ["cog:tilt"]),
-    "torque-gain": lambda: gp.identify(RIG, recorded(), ["torque-gain:tilt"]),
     "cutoff": lambda: gp.identify(RIG, recorded(), cutoff=4.0),  # type: ignore[call-arg]
-    "diagnose: rig": lambda: gp.diagnose(recorded(), RIG),  # type: ignore[arg-type]
     "tune: model.*identify": lambda: gp.tune(RIG),  # type: ignore[arg-type]
-    "check: rig": lambda: gp.check(None),  # type: ignore[arg-type]
-    "read_log: path": lambda: gp.read_log(RIG, "log.csv"),  # type: ignore[arg-type]
     "write_log: log": lambda: gp.write_log("log.csv", recorded()),  # type: ignore[arg-type]
-    "track: controllers": lambda: gp.track(MODEL, 3),  # type: ignore[arg-type]
     "Rig.load: rig": lambda: Rig.load(5),  # type: ignore[arg-type]
     r"\(N, 2\)": lambda: MODEL.inverse(*np.zeros((3, 4, 3))),
     "numbers": lambda: MODEL.inverse("a", "b", "c"),  # type: ignore[arg-type]
@@ -75,19 +68,14 @@ GIVEN: dict[str, Any] = {"t": [0.0, 0.1, 0.2], "q": [[0.0], [0.1], [0.2]]}
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"t": None}, "run: t: is None"),
         ({"q": [[0.0], [0.1]]}, r"run: q: has shape \(2, 1\), expected \(3, 1\)"),
-        ({"q": [0.0, 0.1, 0.2]}, r"run: q: has shape \(3,\), expected \(3, 1\)"),
         ({"tau": [[0.0], [0.1, 0.2], [0.3]]}, "run: tau: is no array of numbers"),
-        ({"v": [["fast"], [0.1], [0.2]]}, "run: v: is no array of numbers"),
         ({"tau": np.ma.array(GIVEN["q"], mask=[[0], [1], [0]])}, "run: tau: has masked samples"),
         ({"imus": {"arm": Imu(gyro=np.zeros((2, 3)))}}, "run: gyro of arm: has shape"),
         ({"joints": ("pan", "pan"), "q": np.zeros((3, 2))}, "run: joints: are pan, pan"),
         ({"q": [[0.0], [np.nan], [0.2]]}, "q.*sample 1"),
         ({"q": np.broadcast_to(np.nan, (3, 1))}, "q.*sample 0"),
-        ({"tau": np.broadcast_to(1e12, (3, 1))}, "tau.*sample 0"),
         ({"v": [[0.0], [0.1], [np.inf]]}, "v.*sample 2"),
-        ({"tau": [[0.0], [0.1], [1e12]]}, "tau.*sample 2"),
     ],
 )
 def test_a_log_says_in_one_line_what_it_cannot_be_made_of(wrong: dict[str, Any], said: str) -> None:
@@ -96,15 +84,13 @@ def test_a_log_says_in_one_line_what_it_cannot_be_made_of(wrong: dict[str, Any],
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "pass_on", [lambda x: pickle.loads(pickle.dumps(x)), copy.copy, copy.deepcopy]
-)
+@pytest.mark.parametrize("pass_on", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy])
 def test_a_log_of_plain_lists_passes_between_processes(pass_on: Callable[[Log], Log]) -> None:
     imus = {"arm": Imu(gyro=np.ones((3, 3)))}
     log = pass_on(Log("run", ["pan"], **GIVEN, imus=imus, events=("said",)))  # type: ignore[arg-type]
-    assert (log.name, log.joints, log.events, log.payload) == ("run", ("pan",), ("said",), None)
+    assert (log.name, log.joints, log.events) == ("run", ("pan",), ("said",))
     np.testing.assert_array_equal(log.q, GIVEN["q"])
-    np.testing.assert_array_equal(log.imus["arm"].gyro, imus["arm"].gyro)
+    np.testing.assert_array_equal(log.imus["arm"].gyro, 1.0)
     assert not log.q.flags.writeable
 
 
@@ -119,44 +105,31 @@ def test_names_and_words_do_as_lists_and_objects_in_any_order_of_the_joints() ->
     assert one.names == other.names
 
 
-def test_the_default_checks_the_data_as_the_command_line_does() -> None:
-    q = np.array(recorded().q)
-    q[::500] += 0.3
-    spiky = replace(recorded(), q=q)
-    found, asked = (
-        gp.identify(RIG, spiky, filtering=EXACT, **wish) for wish in ({}, {"examined": "noisy"})
-    )
-    assert found.bias is not None
-    assert found.faults
-    assert found.faults == asked.faults
-
-
 # --- Random numbers -----------------------------------------------------------------------------
 
-DRAWN: Mapping[str, Callable[[Any], tuple[Any, Any]]] = {
-    "profile_s": lambda rng: (drawn := gp.profile_s(np.linspace(0, 1, 20), rng), drawn.f),
-    "bench_run": lambda rng: (drawn := gp.bench_run(MODEL, seconds=0.2, rng=rng), drawn.tau),
-}
-"""Name → what it returns for a generator or seed, and a part that is drawn."""
+
+@pytest.mark.parametrize(
+    ("call", "part"),
+    [
+        (lambda rng: gp.profile_s(np.linspace(0, 1, 20), rng), "f"),
+        (lambda rng: gp.bench_run(MODEL, seconds=0.2, rng=rng), "tau"),
+    ],
+)
+def test_the_seed_in_a_result_repeats_it(call: Callable[[Any], Any], part: str) -> None:
+    first = call(None)
+    drawn = getattr(first, part)
+    np.testing.assert_array_equal(getattr(call(first.seed), part), drawn)
+    assert not np.array_equal(getattr(call(first.seed + 1), part), drawn)
+    assert call(np.random.default_rng(first.seed)).seed is None
 
 
-@pytest.mark.parametrize("name", DRAWN)
-def test_the_seed_in_a_result_repeats_it(name: str) -> None:
-    first, drawn = DRAWN[name](None)
-    np.testing.assert_array_equal(DRAWN[name](first.seed)[1], drawn)
-    assert not np.array_equal(DRAWN[name](first.seed + 1)[1], drawn)
-    assert DRAWN[name](np.random.default_rng(first.seed))[0].seed is None
-
-
-def test_every_name_can_be_called_without_a_generator_and_is_listed() -> None:
-    listed = {name for name in dir(gp) if not name.startswith("__")}
-    assert listed == set(gp.__all__)
-    found = [getattr(gp, name) for name in gp.__all__]
-    assert all(map(callable, found))
-    parameters = [inspect.signature(x).parameters for x in found if inspect.isfunction(x)]
-    drawing = [of["rng"] for of in parameters if "rng" in of]
-    assert len(drawing) >= 7
-    assert all(parameter.default is None for parameter in drawing)
+def test_every_name_is_listed_and_can_be_called_without_a_generator() -> None:
+    assert {name for name in dir(gp) if not name.startswith("__")} == set(gp.__all__)
+    for name in gp.__all__:
+        found = getattr(gp, name)
+        assert callable(found)
+        if inspect.isfunction(found) and "rng" in inspect.signature(found).parameters:
+            assert inspect.signature(found).parameters["rng"].default is None
 
 
 # --- At a prompt --------------------------------------------------------------------------------
@@ -166,15 +139,14 @@ def test_whatever_a_name_returns_prints_as_a_few_lines() -> None:
     log = recorded()
     found = gp.identify(RIG, [log])
     tuning = gp.tune(found.model, bandwidth_hz=4, robust=True)
-    tracking = gp.track(found.model, {"mine": tuning.controller}, seconds=0.7)
     online = gp.Online.of(RIG)
     many = chain(32)
-    results = [
-        *(log, RIG, many, MODEL, found, found.estimate, found.model, tuning, tracking, online),
+    wide = Log("run", many.joints, np.array([0.0, 1.0]), np.zeros((2, 32)))
+    for one in (
+        *(log, RIG, many, wide, MODEL, gp.nominal(many), found, found.estimate, found.model),
+        *(tuning, gp.track(found.model, {"mine": tuning.controller}, seconds=0.7), online),
         *(online.advance(online.start(), log), gp.diagnose(RIG, log), gp.check(RIG)),
-        *(gp.excite(RIG, seconds=2, starts=1), gp.profile_s(log.t), gp.nominal(many)),
-        Log("run", many.joints, [0.0, 1.0], np.zeros((2, 32))),  # type: ignore[arg-type]
-    ]
-    for one in results:
+        *(gp.excite(RIG, seconds=2, starts=1), gp.profile_s(log.t)),
+    ):
         assert 10 < len(repr(one)) < 400
     assert len(str(tuning)) > len(repr(tuning))

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.dynamics import Plant, State, compute_regressor, compute_rnea, nominal
+from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.identification import read_model
 from gimbal_pin.log import read_log, write_log, write_motion
-from gimbal_pin.rig import GRAVITY, Rig
+from gimbal_pin.rig import Rig
 from gimbal_pin.rig import bundled as data_folder
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, refused, result, whole
-from tests.rigs import bundled, spelled, states
+from tests.rigs import bundled
 
 CINEMA = ("turret", "--payload", "cinema")
 FEW = ("--plants", "2")
@@ -36,18 +36,12 @@ def test_base_is_the_thesis_table(run: Run) -> None:
     assert {"name": "spine.Iyy + fork.Izz", "terms": terms} in found["base"]
 
 
-def test_cutoff_and_alignment_count_together(run: Run, tmp_path: Path) -> None:
+def test_cutoff_and_alignment_count_together(run: Run, made: Path) -> None:
     """What is left of a log in order is small, and told in mN m."""
-    rig = bundled("turret")
-    path = tmp_path / "log.csv"
-    write_log(prescribed(nominal(rig), seconds=6.0, torque_noise=0.01, dt=4e-3), path)
-    call = ("identify", "turret", path, "--cutoff", 5, "--alignment")
+    call = ("identify", *CINEMA, made / "log.csv", "--cutoff", 5, "--alignment")
     found, late = (result(run, *call, delay) for delay in (0.0, 0.05))
-    errors = [fit["train"]["torque_rmse"]["pan"] for fit in (found, late)]
-    assert errors[1] > 2 * errors[0]
-    code, out, _ = run(*call, 0.0)
-    assert code == 0
-    (row,) = re.findall(r"mN m rms.*\n(?:.*\n)*?pan +([\d.]+)", out)
+    assert late["train"]["torque_rmse"]["pan"] > 2 * found["train"]["torque_rmse"]["pan"]
+    (row,) = re.findall(r"mN m rms.*\n(?:.*\n)*?pan +([\d.]+)", run(*call, 0.0)[1])
     assert float(row) == pytest.approx(1e3 * found["held_out"]["torque_rmse"]["pan"], rel=1e-2)
 
 
@@ -61,20 +55,20 @@ def test_a_simulated_log_is_as_late_as_its_controller_is_tuned_for(
     write_motion(motion, rig.joints, tmp_path / "motion.csv")
     call = ("simulate", *CINEMA, "--controller", made / "controller.yaml", "--no-rates")
     logs = []
-    for k, late in enumerate(((), ("--delay-samples", 4), ("--delay-samples", 1))):
-        path = tmp_path / f"{k}.csv"
+    for late in ((), ("--delay-samples", 4), ("--delay-samples", 1)):
+        path = tmp_path / f"{len(logs)}.csv"
         code, out, err = run(*call, "--reference", tmp_path / "motion.csv", "-o", path, *late)
         assert code == 0, err
-        logs.append(read_log(path, rig))
-        assert logs[k].v is None
-        assert logs[k].q_ref is not None
-        rms = np.degrees(np.sqrt(np.mean((logs[k].q_ref - logs[k].q) ** 2, axis=0)))
+        log = read_log(path, rig)
+        assert log.v is None
+        assert log.q_ref is not None
+        rms = np.degrees(np.sqrt(np.mean((log.q_ref - log.q) ** 2, axis=0)))
         told = re.findall(r"([\d.]+)°", out.splitlines()[-1])
-        np.testing.assert_allclose([float(x) for x in told], rms, rtol=1e-2)
+        np.testing.assert_allclose(np.array(told, float), rms, rtol=1e-2)
+        wanted = [np.interp(motion.t, log.t, column) for column in log.q_ref.T]
+        np.testing.assert_allclose(np.transpose(wanted), motion.q, atol=2e-5)
+        logs.append(log)
     assert logs[0].dt == pytest.approx(1e-3)
-    shared = np.isin(np.round(1e6 * motion.t), np.round(1e6 * logs[0].t))
-    own = np.isin(np.round(1e6 * logs[0].t), np.round(1e6 * motion.t))
-    np.testing.assert_allclose(logs[0].q_ref[own], motion.q[shared], atol=1e-9)  # type: ignore[index]
     np.testing.assert_array_equal(logs[0].q, logs[1].q)
     assert np.any(logs[0].q != logs[2].q)
 
@@ -96,10 +90,10 @@ def test_a_log_becomes_a_model_a_controller_and_a_judgement(
     tuned = result(run, "tune", *CINEMA, model, "-o", law, "--disk-margin", "0.9", *FEW)
     for row in tuned["joints"].values():
         assert 0.9 - 1e-6 <= row["worst_of_draws"]["disk_margin"] < 0.92
-    tracked = result(run, "track", *CINEMA, law, *FEW)
-    assert tracked["judged"] == tuned["judged"]
-    ratios = tracked["judged"]["ratios"]["computed-torque"]
-    assert all(1 < ratios["worst"][place] <= ratios["median"][place] for place in ("pan", "tilt"))
+    assert result(run, "track", *CINEMA, law, *FEW)["judged"] == tuned["judged"]
+    assert all(
+        ratio > 1 for ratio in tuned["judged"]["ratios"]["computed-torque"]["worst"].values()
+    )
 
 
 def test_export_finds_the_rig_that_a_controller_was_tuned_for(
@@ -120,12 +114,11 @@ def test_export_finds_the_rig_that_a_controller_was_tuned_for(
 
 def test_track_on_a_platform_that_moves(run: Run, made: Path) -> None:
     options = ("--platform", "S", "--learn", made / "log.csv", "--seeds", "1", "--seconds", "0.8")
-    found = result(run, "track", *CINEMA, *options)
-    rows = {row["controller"]: row for row in found["pointing"]}
-    assert list(rows) == ["pid", "computed-torque"]
-    for row in rows.values():
-        assert 0 < row["jitter_rms_deg"] < row["jitter_max_deg"]
-    assert rows["computed-torque"]["jitter_rms_deg"] < 0.5 * rows["pid"]["jitter_rms_deg"]
+    found = result(run, "track", *CINEMA, *options)["pointing"]
+    assert [row["controller"] for row in found] == ["pid", "computed-torque"]
+    slow, fast = (row["jitter_rms_deg"] for row in found)
+    assert 0 < fast < 0.5 * slow
+    assert all(row["jitter_rms_deg"] < row["jitter_max_deg"] for row in found)
 
 
 def test_auto_walks_from_a_log_to_a_report(
@@ -162,25 +155,14 @@ def test_a_bad_log_leaves_nothing_behind(
 def test_data_that_cannot_answer_leave_with_another_code(
     run: Run, made: Path, tmp_path: Path
 ) -> None:
-    """Ten samples, and a rig that stood still: code 3 and some parameters that do not show."""
-    rig = bundled("turret", "cinema")
-    log = read_log(made / "log.csv", rig)
-    still = type(log)("still", rig.joints, log.t, 0 * log.q, None, 0 * log.q + 1)
-    for one in (log.part(slice(0, 10)), still):
-        write_log(one, tmp_path / "x.csv")
-        refused(run("identify", *CINEMA, tmp_path / "x.csv"), 3, "head_mount.Iyy", "more;")
+    """Ten samples: code 3 and some parameters that do not show."""
+    lines = (made / "log.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "x.csv").write_text("".join(lines[:11]))
+    refused(run("identify", *CINEMA, tmp_path / "x.csv"), 3, "head_mount.Iyy", "more;")
 
 
 # --- A rotor's inertia that a rig states --------------------------------------------------------
 
-MJCF = """<mujoco><compiler angle="radian"/><worldbody><body name="fork">
-<inertial pos="0.01 0 0.05" mass="0.6" diaginertia="0.004 0.003 0.002"/>
-<joint name="pan" axis="0 0 1" armature="0.006" range="-2 2"/>
-<body name="head" pos="0 0 0.1">
-<inertial pos="0.02 0 0.01" mass="0.4" diaginertia="0.001 0.002 0.0015"/>
-<joint name="tilt" axis="0 1 0" armature="0.003" range="-1 1"/>
-</body></body></worldbody><actuator><motor joint="pan" ctrlrange="-2 2"/>
-<motor joint="tilt" ctrlrange="-2 2"/></actuator></mujoco>"""
 GEAR = "urdf: turret\nmotors:\n  tilt: {rotor_inertia: 2.0e-5, gear_ratio: -30}\n"
 CALLS = """check rig.yaml
 base rig.yaml
@@ -220,38 +202,11 @@ def test_every_verb_takes_a_stated_rotor(
     assert [checked[joint]["armature"] for joint in rig.joints] == pytest.approx(armature)
     for row in result(run, "identify", "rig.yaml", "log.csv")["base_parameters"]:
         assert abs(row["value"] - row["urdf"]) < 4 * row["std"] + 1e-4 * abs(row["urdf"]) + 1e-6
-    turned = ("--map", "tau_pan=-tau_pan")
-    refused(run("identify", "rig.yaml", "log.csv", *turned), 2, "tau_pan has the wrong sign")
-    told = result(run, "diagnose", "rig.yaml", "log.csv")
-    assert (told["verdict"], told["findings"]) == ("nothing", [])
 
 
-def test_a_stated_rotor_is_inertia_of_its_joint_alone() -> None:
-    """``tau = Y phi + I_a a``, as MuJoCo has it; the plant moves as the inverse dynamics ask."""
-    rig = spelled(MJCF)
-    q, v, a = states(rig.n, 3, 5)
-    tau = compute_rnea(rig, q, v, a)
-    expected = compute_regressor(rig, q, v, a) @ rig.phi + a * [0.006, 0.003]
-    np.testing.assert_allclose(tau, expected, atol=1e-12)
-    peer = mujoco.MjModel.from_xml_string(MJCF)
-    peer.opt.gravity[2] = -GRAVITY
-    peer.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    data = mujoco.MjData(peer)
-    model = nominal(rig)
-    for k, torque in enumerate(model.inverse(q, v, a)):
-        data.qpos[:] = q[k]
-        data.qvel[:] = v[k]
-        data.qacc[:] = a[k]
-        mujoco.mj_inverse(peer, data)
-        np.testing.assert_allclose(data.qfrc_inverse, tau[k], atol=1e-9)
-        moved = Plant(model).acceleration(0.0, State(q[k], v[k]), torque)
-        np.testing.assert_allclose(moved, a[k], atol=1e-9)
-
-
-@pytest.mark.parametrize("motor", ["{rotor_inertia: 1}", "{rotor_inertia: 1e-4, gear_ratio: 100}"])
 def test_a_rotor_larger_than_all_inertia_is_refused_by_its_name(
-    motor: str, run: Run, made: Path, tmp_path: Path
+    run: Run, made: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "rig.yaml"
-    path.write_text(f"urdf: turret\nmotors:\n  pan: {motor}\n")
+    path.write_text("urdf: turret\nmotors:\n  pan: {rotor_inertia: 1e-4, gear_ratio: 100}\n")
     refused(run("identify", path, made / "log.csv"), 2, "pan", "rotor_inertia")

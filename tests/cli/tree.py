@@ -37,11 +37,6 @@ class Option(NamedTuple):
         return label(self.name, self.marks)
 
     @property
-    def is_required(self) -> bool:
-        """Whether the verb asks for it."""
-        return self.default is Parameter.empty
-
-    @property
     def bounds(self) -> PrimitiveConstructorSpec[Any] | None:
         """The bounds of a number."""
         return next((x for x in self.marks if isinstance(x, PrimitiveConstructorSpec)), None)
@@ -75,22 +70,24 @@ def list_options(verb: str) -> Iterator[Option]:
     hints = get_annotations(VERBS[verb], eval_str=True)
     for name, parameter in signature(VERBS[verb]).parameters.items():
         default = parameter.default
+        own = {name: hints[name]}
         if is_dataclass(default):
-            for inner, hint in get_annotations(type(default), eval_str=True).items():
-                yield Option(name, inner, *_split(hint), getattr(default, inner))
-        else:
-            yield Option(name, name, *_split(hints[name]), default)
+            own = get_annotations(type(default), eval_str=True)
+        for inner, hint in own.items():
+            marks = getattr(hint, "__metadata__", ())
+            kind = get_args(hint)[0] if marks else hint
+            value = getattr(default, inner) if is_dataclass(default) else default
+            yield Option(name, inner, kind, marks, value)
 
 
-def _split(hint: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return type and annotations."""
-    marks = getattr(hint, "__metadata__", ())
-    return (get_args(hint)[0], marks) if marks else (hint, ())
+def list_required(verb: str) -> list[Option]:
+    """Return what a verb asks for."""
+    return [one for one in list_options(verb) if one.default is Parameter.empty]
 
 
 def fill(verb: str, option: Option) -> dict[str, Any]:
     """Return arguments of a verb: what it asks for, and a value of one option."""
-    given = {one.parameter: one.sample for one in list_options(verb) if one.is_required}
+    given = {one.parameter: one.sample for one in list_required(verb)}
     value = option.sample
     if option.name != option.parameter:
         default = signature(VERBS[verb]).parameters[option.parameter].default
