@@ -188,7 +188,7 @@ def test_spikes_are_bridged_and_what_is_altered_is_what_differs() -> None:
 
 def test_of_a_long_log_what_an_excerpt_shows_is_mended_everywhere() -> None:
     rig = bundled("turret")
-    log = prescribed(nominal(rig), seconds=300.0, torque_noise=0.01, dt=0.01)
+    log = prescribed(nominal(rig), seconds=300.0, torque_noise=0.01, dt=5e-3)
     found = check_log(rig, corrupted(log, "outliers", channel="q", share=2e-3))
     assert np.abs(found.log.q - log.q).max() < 0.05 * np.std(log.q)
     assert check_log(rig, log).log is log

@@ -242,6 +242,20 @@ def test_what_cannot_be_a_rig_is_told_in_one_line(tmp_path: Path, case: str) -> 
         assert word in str(caught.value)
 
 
+BESIDE = """<mujoco><worldbody><body name="base"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<body name="arm" pos="0 0.1 0.2"><joint name="pan" axis="0 0 1" pos="0.3 0 0.1"/>
+<inertial pos="0.1 0 0" mass="2" diaginertia="1 1 1"/>
+<body name="head" pos="0.2 0 0" euler="20 0 30"><joint name="tilt" axis="0 1 0" pos="0 0.2 0.5"/>
+<inertial pos="0.3 0 0" mass="1" diaginertia="1 1 1"/></body></body></body></worldbody></mujoco>"""
+
+
+def test_joints_of_mujoco_may_lie_beside_their_bodies_frames() -> None:
+    model = mujoco.MjModel.from_xml_string(BESIDE)
+    rig = spelled(mjcf.convert_mujoco_model(model, "g.xml")[0])
+    draw = np.random.default_rng(0).normal(size=(3, 20, 2))
+    np.testing.assert_allclose(torques(rig), torque(model, ["pan", "tilt"], *draw), atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
