@@ -150,14 +150,10 @@ def test_the_correction_of_an_error_reads_the_log_once_completed(
     value: str,
     tmp_path: Path,
 ) -> None:
-    """Counts are whole numbers, currents registers without a sign."""
+    """Counts are whole numbers, as a drive's units of current are."""
     log = replace(planted(), v=None)
-    q = log.q / units[1]
-    tau = held(log.tau) / units[2]
-    if unknown == "COUNTS_PER_TURN":
-        q = np.round(q)
-    if unknown == "AMPERES_PER_UNIT":
-        tau = np.round(tau) % 65536
+    q = np.round(log.q / units[1], 0 if unknown == "COUNTS_PER_TURN" else 9)
+    tau = np.round(held(log.tau) / units[2], 0 if unknown == "AMPERES_PER_UNIT" else 9)
     columns = {names[0]: T / units[0]}
     for j, joint in enumerate(TURRET.joints):
         columns |= {names[1].format(joint): q[:, j], names[2].format(joint): tau[:, j]}
@@ -168,5 +164,5 @@ def test_the_correction_of_an_error_reads_the_log_once_completed(
     words = shlex.split(caught.value.mend.replace(unknown or "--", value or "--"))
     entries = [after for word, after in pairwise(words) if word == "--map"]
     read = read_log(path, TURRET, entries)
-    step = {"COUNTS_PER_TURN": units[1], "AMPERES_PER_UNIT": AMPERES.max()}.get(unknown, 1e-9)
-    agree(replace(read, q=read.q - read.q[0] + log.q[0]), log, 1.01 * step)
+    within = {"COUNTS_PER_TURN": units[1], "AMPERES_PER_UNIT": AMPERES.max()}.get(unknown, 1e-8)
+    agree(replace(read, q=read.q - read.q[0] + log.q[0]), log, 1.01 * within)

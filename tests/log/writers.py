@@ -62,17 +62,15 @@ def write_bag(path: Path, storage: str, topics: Mapping[str, Columns]) -> None:
     types = store.types
     serialize = store.serialize_ros1 if is_ros1 else store.serialize_cdr
 
-    def header(at: int, frame: str) -> object:
+    def message(columns: Columns, k: int, at: int) -> object:
         stamp = types["builtin_interfaces/msg/Time"](*divmod(at, 10**9))
         sequence = {"seq": 0} if is_ros1 else {}
-        return types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id=frame)
-
-    def message(columns: Columns, k: int, at: int) -> object:
+        header = types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id="base")
         joints = joints_of(columns)[:: -1 if k % 3 else 1]
         if joints:
             names = [[f"{of}_{joint}" for joint in joints] for of in ("q", "dq", "tau")]
             groups = [np.array([columns[x][k] for x in group if x in columns]) for group in names]
-            return types["sensor_msgs/msg/JointState"](header(at, ""), joints, *groups)
+            return types["sensor_msgs/msg/JointState"](header, joints, *groups)
         turned, gyro, accel = (
             types[f"geometry_msgs/msg/{kind}"](*(columns[f"{of}_base_{axis}"][k] for axis in axes))
             for kind, of, axes in (
@@ -82,8 +80,7 @@ def write_bag(path: Path, storage: str, topics: Mapping[str, Columns]) -> None:
             )
         )
         none = np.zeros(9)
-        imu = types["sensor_msgs/msg/Imu"]
-        return imu(header(at, "base"), turned, none, gyro, none, accel, none)
+        return types["sensor_msgs/msg/Imu"](header, turned, none, gyro, none, accel, none)
 
     plugin = {} if is_ros1 else {"version": 9, "storage_plugin": StoragePlugin[storage.upper()]}
     with (Writer1 if is_ros1 else Writer2)(path, **plugin) as bag:
