@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from . import logbook, stage
-from .effects import CATALOGUE, OUTSIDE, TRUSTED, PlatformMotion, diagonal
+from .effects import CATALOGUE, OUTSIDE, TRUSTED
+from .effects.rigwide import PlatformMotion, diagonal
 from .ledger import settle
 from .plan import DrivePlan, Plan
 from .rig_draw import draw_arm, draw_rig, nominal

@@ -184,24 +184,21 @@ def _dress(rng, plan, wanted):
     )
 
 
-def _dressed(rng, plans):
-    """The same hidden in logs as people have them."""
-    return [_dress(rng, *one) for one in zip(plans, spread(rng, VARIANTS, len(plans)))]
-
-
 def _block(seed, stratum, block):
     """One block of a stratum."""
     rng = np.random.default_rng([seed, STRATA[stratum], block])
-    makers = {
-        "clean": lambda: _clean(rng, stratum),
-        "single": lambda: _singles(rng, block, stratum, PUBLISHED),
-        "outside": lambda: _singles(rng, block, stratum, OUTSIDE),
-        "pair": lambda: _pairs(rng, block),
-        "mismatched": lambda: _mismatched(rng),
-        "drive-clean": lambda: _dressed(rng, _clean(rng, stratum)),
-        "drive-single": lambda: _dressed(rng, _singles(rng, block, stratum, PUBLISHED)),
-    }
-    return makers[stratum]()
+    kind = stratum.removeprefix("drive-")
+    if kind == "clean":
+        plans = _clean(rng, stratum)
+    elif kind == "pair":
+        plans = _pairs(rng, block)
+    elif kind == "mismatched":
+        plans = _mismatched(rng)
+    else:
+        plans = _singles(rng, block, stratum, OUTSIDE if kind == "outside" else PUBLISHED)
+    if kind == stratum:
+        return plans
+    return [_dress(rng, *one) for one in zip(plans, spread(rng, VARIANTS, len(plans)))]
 
 
 def sample(n, seed, stratum):

@@ -9,7 +9,7 @@ from math import exp, log
 import numpy as np
 
 from .control import closed_loop, mass_matrix
-from .effects import Context
+from .effects.base import Context
 from .excitation import Reference
 from .ledger import settle
 from .plant import PlantDivergedError, simulate

@@ -19,17 +19,8 @@ LOWEST_CONTROL_RATE = 400.0
 SETTLING_S = 3.0
 
 
-class Encoder:
-    """What all these sensors have: an encoder of so many bits per turn, and a clock."""
-
-    @property
-    def step(self):
-        """The encoder's step, rad."""
-        return 2.0 * pi / 2**self.encoder_bits
-
-
 @dataclass(frozen=True)
-class Sensors(Encoder):
+class Sensors:
     """Encoders (bits per turn, noise in rad before quantisation), rate channel (rad/s; may be absent), torque noise as
     shares of each joint's torque rms (white, and coloured below a corner in Hz), clock jitter as a share of the period,
     lost rows as a share of all."""
@@ -60,7 +51,7 @@ class Sensors(Encoder):
         signs = rng.choice([-1.0, 1.0], world.joints)
         v_noise = (v_noise + self.rate_bias * signs).tolist()
         shown = list(zip(world.offset, world.eccentric))
-        step = self.step
+        step = 2.0 * pi / 2**self.encoder_bits
 
         def read(k, q, v):
             angles = [
@@ -164,7 +155,7 @@ def draw_colour(rng, rate):
 
 
 @dataclass(frozen=True)
-class DriveSensors(Encoder):
+class DriveSensors:
     """Angles: bits per turn, noise before quantisation (rad). Rates (may be absent): by an "observer" (tracking loop)
     or a "difference", of a bandwidth (Hz) and in steps (rad/s). Torque: noise as a share of its rms, low-pass (Hz),
     steps as shares of the motor's limit, a fresh value every so many rows. Angles and torque come so much late (s);
@@ -199,7 +190,7 @@ class DriveSensors(Encoder):
     def reader(self, world, samples, rng):
         """What the controller sees: (sample, true q, true v) → the encoder's angles and the rates that a second-order
         tracking loop, damped by 0.8, or a filtered difference makes of them; called sample by sample, in order."""
-        step = self.step
+        step = 2.0 * pi / 2**self.encoder_bits
         noise = self.encoder_noise * rng.normal(size=(samples, world.joints))
         period = world.seconds / samples
         turn = 2.0 * pi * self.rate_hz * period

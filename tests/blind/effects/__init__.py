@@ -1,6 +1,5 @@
 """Every effect that may be hidden: the published causes, each in one form or more, and those from outside."""
 
-from .base import Context, Effect
 from .drive import (
     ActuatorLag,
     Cogging,
@@ -40,7 +39,6 @@ from .rigwide import (
     PlatformMotion,
     SoftBase,
     UnmeasuredMotion,
-    diagonal,
 )
 from .structure import Armature, Backlash, CableSpring, JointFlexibility, Touch, Wind
 
@@ -58,14 +56,3 @@ OUTSIDE = (
 TRUSTED = ("payload-shift", "payload-mass", "off-diagonal-inertia")
 """Causes that compare the given model with the data: their URDF is exact and says so."""
 CATALOGUE = {kind.cause: kind for kind in PUBLISHED + OUTSIDE}
-
-__all__ = [
-    "CATALOGUE",
-    "OUTSIDE",
-    "PUBLISHED",
-    "TRUSTED",
-    "Context",
-    "Effect",
-    "PlatformMotion",
-    "diagonal",
-]
