@@ -1,7 +1,7 @@
 """Laws of the rigid rig, on a base that stands or moves.
 
 The torque is what Lagrange's equations give in the thesis's frames, MuJoCo's inverse dynamics, and the regressor times
-the parameters; a lean is turned gravity.
+the parameters.
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ import pytest
 from lxml import etree
 
 from gimbal_pin.dynamics import Model, compute_regressor, compute_rnea
-from gimbal_pin.effects import BaseTilt
 from gimbal_pin.log import Array, Platform
-from gimbal_pin.rig import GRAVITY, bundled_rigs
+from gimbal_pin.rig import GRAVITY
 from tests.dynamics.odd_rigs import ALL, known
 from tests.mujoco_peer import rigid_bodies, torque
 from tests.rigs import VARIETY, bundled, states
@@ -118,13 +117,3 @@ def test_regressor_times_the_parameters_of_any_bodies_is_the_torque(name: str) -
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
         alone = Model(rig, ()).inverse(*at, platform=platform)
         np.testing.assert_array_equal(alone, expected)
-
-
-@pytest.mark.parametrize("name", bundled_rigs())
-def test_a_lean_is_turned_gravity(name: str) -> None:
-    """Of the rig itself, and of the platform that carries it."""
-    rig = bundled(name)
-    at = states(rig.n, 4)
-    leaning = BaseTilt(roll=0.3, pitch=-0.7).apply(rig)
-    carried = compute_rnea(rig, *at, Platform.still(np.arange(20.0), 0.3, -0.7))
-    np.testing.assert_allclose(carried, compute_rnea(leaning, *at), atol=1e-12)

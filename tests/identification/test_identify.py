@@ -34,12 +34,10 @@ from gimbal_pin.identification import (
 from gimbal_pin.identification.bodies import estimate_bodies
 from gimbal_pin.log import Log
 from gimbal_pin.regression import (
-    GROUPS,
     add_misfit,
     compute_blocks,
     compute_deformation_root,
     find_likeliest_bodies,
-    fit_misfit,
     fit_weighted,
     map_phi_to_base,
 )
@@ -182,18 +180,6 @@ def ripple(log: Log, size: float) -> Log:
     return replace(log, tau=tau)
 
 
-def test_noise_is_not_missed_and_a_function_of_the_motion_is() -> None:
-    rng = np.random.default_rng(0)
-    A = rng.standard_normal((600, 5))
-    X = rng.standard_normal((600, len(GROUPS)))
-    noise = rng.standard_normal(600)
-    assert fit_misfit(A, X, A.sum(axis=1) + noise, 600.0).size < 0.25
-    missed = 2.0 * X[:, GROUPS == 1] @ rng.standard_normal(int(np.sum(GROUPS == 1)))
-    found = fit_misfit(A, X, A.sum(axis=1) + missed + noise, 600.0)
-    assert found.size == pytest.approx(np.std(missed), rel=0.15)
-    assert found.noise == pytest.approx(1.0, rel=0.15)
-
-
 def test_deviations_hold_a_ripple() -> None:
     blocks = compute_blocks(rows_of(RIG, ripple(take(), 1.0)))
     plain = fit_weighted(blocks)
@@ -219,9 +205,9 @@ def test_opinion_tells_structure_from_noise(size: float, noise: float, pan: Opin
     assert any(is_first) == (pan is Opinion.NOT_EXPLAINED)
 
 
-@pytest.mark.parametrize("trust", [0.1, 0.3])
-def test_intervals_of_bodies_hold_the_truth(trust: float) -> None:
+def test_intervals_of_bodies_hold_the_truth() -> None:
     """Bodies drawn as far from the URDF's as the trust says, base parameters with noise."""
+    trust = 0.1
     rig = bundled("turret", "cinema")
     rng = np.random.default_rng(3)
     mixing = map_phi_to_base(rig, reduce_parameters(rig))

@@ -18,15 +18,13 @@ from gimbal_pin.identification import given_beta, greatest_base_motion, identify
 from gimbal_pin.log import (
     BASE_MOTIONS,
     BaseMotion,
-    Imu,
     Log,
     Platform,
     read_log,
-    signals,
     write_motion,
 )
 from gimbal_pin.rig import GRAVITY
-from tests.bench_logs import EXACT, fourier, prescribed, rows_of, true_theta
+from tests.bench_logs import EXACT, fourier, rows_of, true_theta
 from tests.command_line import Run, refused
 from tests.identification.logs import carry, list_times, sway
 from tests.rigs import bundled
@@ -126,28 +124,6 @@ def test_motion_of_a_platform_is_found_and_without_its_imu_unknown() -> None:
     unseen = diagnose(RIG, [replace(log, imus={})], few)
     assert (unseen.verdict, unseen.findings) == ("unknown", ())
     assert unseen.unexplained == list(RIG.joints)
-
-
-def test_imu_of_the_base_is_asked_for_where_all_joints_are_disturbed() -> None:
-    """By slow torque that has nothing to do with the motion."""
-    clean = prescribed(nominal(RIG), seconds=20.0, dt=4e-3, torque_noise=5e-3)
-    white = np.random.default_rng(3).standard_normal(clean.q.shape)
-    waves = signals.zero_phase(white, signals.lowpass(2.0, 1 / clean.dt))
-    waves *= 0.5 * np.sqrt(np.mean(clean.tau**2, axis=0)) / waves.std(axis=0)
-    moved = replace(clean, tau=clean.tau + waves)
-    still = Imu(np.zeros((len(moved), 3)), np.tile([0.0, 0.0, 9.81], (len(moved), 1)))
-    logs = {
-        "moved": moved,
-        "clean": clean,
-        "one joint": replace(clean, tau=clean.tau + waves * [1.0, 0.0]),
-        "measured": replace(moved, imus={RIG.base: still}),
-    }
-    warnings = {
-        kind: identify(RIG, [log], filtering=EXACT, examined="noisy").warnings
-        for kind, log in logs.items()
-    }
-    asked = [kind for kind, said in warnings.items() if f"gyro_{RIG.base}_x" in "".join(said)]
-    assert asked == ["moved"]
 
 
 def test_simulate_moves_the_base_by_a_profile_or_a_log(run: Run, tmp_path: Path) -> None:
