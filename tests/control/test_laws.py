@@ -79,16 +79,18 @@ def test_on_the_reference_the_torque_is_the_models(texts: tuple[str, ...]) -> No
 
 
 def test_feed_forward_leads_a_ramp_of_acceleration_exactly() -> None:
-    """Linear in time, the acceleration `lead` later follows from the last difference, the rate from it."""
-    model = replace(free("turret"), terms=(Term(Viscous("pan"), (0.3,)),))
+    """Linear in time, the acceleration `lead` later follows from the last difference, angle and rate from it."""
+    bare = free("turret")
+    model = replace(bare, terms=(Term(Viscous("pan"), (0.3,)),))
     law = ComputedTorque(model, (GAINS,) * 2, DT, lead=0.0035)
-    zero = np.zeros(2)
+    q = np.zeros(2)
+    v = np.array([0.0, 2.0])
     memory = law.start()
     for k in range(3):
-        reference = Reference(zero, zero, np.full(2, 7.0 * k * DT))
-        torque, memory = law.torque(0.0, zero, zero, reference, memory)
+        reference = Reference(q, v, np.full(2, 7.0 * k * DT))
+        torque, memory = law.torque(0.0, q, v, reference, memory)
     ahead = np.full(2, 7.0 * (2 * DT + 0.0035))
-    expected = compute_inertia(model, zero[None])[0] @ ahead
+    expected = bare.inverse(q[None] + 0.0035 * v, v[None], ahead[None])[0]
     expected[0] += 0.3 * 0.0035 * 7.0 * 2 * DT
     np.testing.assert_allclose(torque, expected, rtol=1e-12)
 
