@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 
 from .rigs import Array
-from .world import State
 
 RUNAWAY = 200.0
 TOLERANCE = 1e-13
@@ -67,17 +66,25 @@ def dry_friction(free, inverse, dofs, plus, minus, dt, friction):
 
 
 class Stepper:
-    """Owns the state of every degree of freedom and advances it by one step under a held command."""
+    """The state of every degree of freedom, which one step under a held command advances.
+
+    Laws read the middle of the step: time `t`, `q`, `v`, where asked for the torque of `gravity`, and the `command`.
+    They write the motors' torque `u`, the `force` on each degree of freedom, and the limits `plus` and `minus` of dry
+    friction; what friction they put into `force` themselves they state in `bristle`. `end_q` and `end_v` are the step's
+    end, `a` its acceleration, `dry` its friction. All are lists of floats, for speed."""
 
     def __init__(self, world, q, v):
         self.world = world
-        self.state = State(world.dt, world.joints, world.dofs)
+        self.dt = world.dt
         self.time = 0.0
-        self.q, self.v, self.a, self.dry = ([0.0] * world.dofs for _ in range(4))
+        self.end_q, self.end_v, self.a, self.dry, self.gravity = (
+            [0.0] * world.dofs for _ in range(5)
+        )
         for dofs in (world.dof, world.link_dof):
             for dof, angle, speed in zip(dofs, q, v):
-                self.q[dof] = angle
-                self.v[dof] = speed
+                self.end_q[dof] = angle
+                self.end_v[dof] = speed
+        self.bristle = [0.0] * world.joints
         self.coulomb = world.rig.coulomb.tolist()
         self.viscous = world.rig.viscous.tolist()
         self.drives, self.forces, self.grips = map(world.laws, ("drive", "force", "grip"))
@@ -96,65 +103,63 @@ class Stepper:
 
     def _dynamics(self):
         """M⁻¹ and h at the middle of the step, from MuJoCo."""
-        state = self.state
         model = self.world.model
         data = self.world.data
-        data.qpos[:] = state.q
+        data.qpos[:] = self.q
         mujoco.mj_fwdPosition(model, data)
         if self.world.needs_gravity:
-            state.gravity = self._bias_at(0.0)
-        bias = self._bias_at(state.v)
+            self.gravity = self._bias_at(0.0)
+        bias = self._bias_at(self.v)
         mujoco.mj_solveM(model, data, self._inverse, self._eye)
         return self._inverse.tolist(), bias
 
-    def _applied(self, command):
-        """Motor, viscous and every other smooth force, on each degree of freedom."""
-        state = self.state
-        state.command = command
-        state.u = list(command)
+    def _apply(self, command):
+        """Set motor, viscous and every other smooth force, and the limits of dry friction."""
+        self.command = command
+        self.u = list(command)
         for law in self.drives:
-            law(state)
-        state.force = [0.0] * self.world.dofs
-        for dof, u, viscous in zip(self.world.dof, state.u, self.viscous):
-            state.force[dof] += u - viscous * state.v[dof]
+            law(self)
+        self.force = [0.0] * self.world.dofs
+        for dof, u, viscous in zip(self.world.dof, self.u, self.viscous):
+            self.force[dof] += u - viscous * self.v[dof]
         for law in self.forces:
-            law(state)
-        state.plus = list(self.coulomb)
-        state.minus = list(self.coulomb)
+            law(self)
+        self.plus = list(self.coulomb)
+        self.minus = list(self.coulomb)
         for law in self.grips:
-            law(state)
-        return state.force
+            law(self)
 
     def step(self, command):
-        """Advance by dt; afterwards `state` holds the middle of the step, `q`, `v` its end, `a` its acceleration."""
-        state = self.state
+        """Advance by dt."""
+        if self.world.base_path is not None:
+            self._follow_base()
         dofs = self.world.dof
-        dt = self.world.dt
+        dt = self.dt
         half = 0.5 * dt
-        v = self.v
-        state.t = self.time + half
-        middle = state.q = [x + half * y for x, y in zip(self.q, v)]
-        state.v = [x + half * y for x, y in zip(v, self.a)]
+        v = self.end_v
+        self.t = self.time + half
+        middle = self.q = [x + half * y for x, y in zip(self.end_q, v)]
+        self.v = [x + half * y for x, y in zip(v, self.a)]
         inverse, bias = self._dynamics()
-        net = [x - y for x, y in zip(self._applied(command), bias)]
+        self._apply(command)
+        net = [x - y for x, y in zip(self.force, bias)]
         free = [x + dt * sum(map(mul, row, net)) for x, row in zip(v, inverse)]
-        dry = dry_friction(free, inverse, dofs, state.plus, state.minus, dt, self.dry)
+        dry = dry_friction(free, inverse, dofs, self.plus, self.minus, dt, self.dry)
         ends = [x - dt * sum(map(mul, row, dry)) for x, row in zip(free, inverse)]
-        for dof, plus, minus in zip(dofs, state.plus, state.minus):
+        for dof, plus, minus in zip(dofs, self.plus, self.minus):
             if -minus < dry[dof] < plus:
                 ends[dof] = 0.0
         self.a = [(x - y) / dt for x, y in zip(ends, v)]
-        self.q = [x + half * y for x, y in zip(middle, ends)]
-        self.v = ends
+        self.end_q = [x + half * y for x, y in zip(middle, ends)]
+        self.end_v = ends
         self.time += dt
 
-    def follow_base(self):
+    def _follow_base(self):
         """Put a driven base exactly where its path says."""
-        world = self.world
-        for dof, q, v, a in zip(world.base_dofs, *world.base_path(self.time)):
-            self.q[dof] = q
-            self.v[dof] = v
-            self.a[dof] = a
+        path = self.world.base_path(self.time)
+        for mine, given in zip((self.end_q, self.end_v, self.a), path):
+            for dof, value in zip(self.world.base_dofs, given):
+                mine[dof] = value
 
 
 def simulate(world, controller, start, samples, substeps):
@@ -167,21 +172,17 @@ def simulate(world, controller, start, samples, substeps):
     rows = array("d")  # which the garbage collector need not look at
     steps = array("d")
     for k in range(samples):
-        q = [stepper.q[d] for d in dofs]
-        v = [stepper.v[d] for d in dofs]
+        q = [stepper.end_q[d] for d in dofs]
+        v = [stepper.end_v[d] for d in dofs]
         measured_q, measured_v, command = controller(k, q, v)
         rows.extend([*q, *v, *measured_q, *measured_v, *command])
         for _ in range(substeps):
-            if world.base_path is not None:
-                stepper.follow_base()
             stepper.step(command)
-            for values in (stepper.state.q, stepper.state.v, stepper.a, stepper.v):
+            for values in (stepper.q, stepper.v, stepper.a, stepper.end_v):
                 steps.extend([values[d] for d in dofs])
-            steps.extend([stepper.dry[d] + x for d, x in zip(dofs, stepper.state.bristle)])
-        if not all(abs(x) < RUNAWAY for x in stepper.v):  # also where a speed is not a number
-            raise PlantDivergedError(
-                f"speed {max(map(abs, stepper.v)):.3g} rad/s after {stepper.time:.3f} s"
-            )
+            steps.extend([stepper.dry[d] + x for d, x in zip(dofs, stepper.bristle)])
+        if not all(abs(x) < RUNAWAY for x in stepper.end_v):  # also where one is not a number
+            raise PlantDivergedError(f"the loop ran away after {stepper.time:.3f} s")
     t = np.arange(samples) * world.dt * substeps
     return Trace(t, *_columns(rows, 5, world.joints), *_columns(steps, 5, world.joints))
 

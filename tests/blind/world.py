@@ -1,23 +1,10 @@
-"""The compiled plant: MuJoCo's model, which degree of freedom is whose, and the state that laws read and write."""
+"""The compiled plant: MuJoCo's model, which degree of freedom is whose, and the laws of its effects."""
 
 import mujoco
 import numpy as np
 
 from .mjcf import BASE_DOFS, Base, build
 from .rigs import Inertia
-
-
-class State:
-    """The plant in the middle of one step; lists of floats, for speed. Laws write `u`, `force`, `plus`, `minus`;
-    what friction they put into `force` themselves they tell in `bristle`, joint by joint."""
-
-    def __init__(self, dt, joints, dofs):
-        self.t = 0.0
-        self.dt = dt
-        self.q, self.v, self.force, self.gravity = ([0.0] * dofs for _ in range(4))
-        self.command, self.u, self.plus, self.minus, self.bristle = (
-            [0.0] * joints for _ in range(5)
-        )
 
 
 class World:
