@@ -10,7 +10,6 @@ move numbers, write the files anew and read their diff:
 from __future__ import annotations
 
 import json
-import math
 import re
 import sys
 from collections.abc import Iterator
@@ -67,6 +66,7 @@ CALLS = {
     "montecarlo": "montecarlo turret -o {}/many --count 4 --seconds 1 --workers 1 --sobol",
 }
 """Golden file → the call that makes it; {} is the folder of logs."""
+PID = "tune turret {}/turret.csv --payload infrared --plants 3 --kind pid -o {}/pid.yaml"
 
 
 @cache
@@ -79,21 +79,21 @@ def record_logs() -> TemporaryDirectory[str]:
         plant = plant_with(nominal(rig), terms).plant
         log = prescribed(plant, seconds=12.0, torque_noise=0.01, dt=4e-3)
         write_log(log, Path(folder.name) / f"{name}.csv")
-    tune = f"tune turret {folder.name}/turret.csv --payload infrared --plants 3"
-    with redirect_stdout(StringIO()):
-        main([*tune.split(), "--kind", "pid", "-o", f"{folder.name}/pid.yaml"])
+    call(PID, folder.name)
     return folder
 
 
-def run_call(name: str) -> dict[str, Any]:
+def call(line: str, folder: str) -> None:
+    """Run a call in a folder of logs, without what it prints."""
+    with redirect_stdout(StringIO()):
+        main(line.replace("{}", folder).split())
+
+
+def run_call(name: str) -> Any:
     """Return the JSON of a call."""
     folder = record_logs().name
-    words = CALLS[name].replace("{}", folder).split()
-    target = Path(folder) / "result.json"
-    with redirect_stdout(StringIO()):
-        main([*words, "--json", str(target)])
-    result: dict[str, Any] = json.loads(target.read_text(encoding="utf-8"))
-    return reduce_result(result)
+    call(f"{CALLS[name]} --json {{}}/result.json", folder)
+    return reduce_result(json.loads(Path(folder, "result.json").read_text(encoding="utf-8")))
 
 
 def reduce_result(value: Any) -> Any:
@@ -123,17 +123,14 @@ def yield_differences(
         beside = SHARE_OF_DEVIATION * std if isinstance(std, float) else 0.0
         for key in golden.keys() & result.keys():
             yield from yield_differences(golden[key], result[key], f"{place}.{key}", beside)
-        return
-    if isinstance(golden, list) and isinstance(result, list) and len(golden) == len(result):
+    elif isinstance(golden, list) and isinstance(result, list) and len(golden) == len(result):
         for k, (before, after) in enumerate(zip(golden, result)):
             yield from yield_differences(before, after, f"{place}[{k}]", deviation)
-        return
-    if isinstance(golden, float) and isinstance(result, float | int):
+    elif isinstance(golden, float) and isinstance(result, float | int):
         tolerance = max(RELATIVE_TOLERANCE * abs(golden), deviation, 1e-9)
-        is_same = abs(golden - result) <= tolerance or (math.isnan(golden) and math.isnan(result))
-    else:
-        is_same = golden == result
-    if not is_same:
+        if not np.isclose(golden, result, rtol=0.0, atol=tolerance, equal_nan=True):
+            yield f"{place}: {golden} -> {result}"
+    elif golden != result:
         yield f"{place}: {golden} -> {result}"
 
 
@@ -159,14 +156,14 @@ def test_results_are_those_of_the_golden_files(name: str) -> None:
 def test_golden_files_have_the_keys_that_the_documentation_lists() -> None:
     """The keys of the first level: a list without items shows none of its items' keys."""
     rows = re.findall(r"^\| `([\w-]+)` \| (.*) \|$", PROMISES.read_text(encoding="utf-8"), re.M)
+    verbs = {call.split()[0] for call in CALLS.values()}
     for verb, text in rows:
-        goldens = [read_golden(name) for name, call in CALLS.items() if call.split()[0] == verb]
         code = " ".join(re.findall(r"`([^`]*)`", re.split(r"[;(]", text)[0]))
         while (shallower := re.sub(r"\{[^{}]*\}|\[[^\[\]]*\]|\([^()]*\)", "", code)) != code:
             code = shallower
-        keys = set().union(*map(collect_keys, goldens))
-        missing = {key for key in re.findall(r"[a-z]\w*", code) if key not in keys}
-        assert not goldens or not missing, f"{verb}: {sorted(missing)}"
+        goldens = [read_golden(name) for name, call in CALLS.items() if call.split()[0] == verb]
+        missing = {*re.findall(r"[a-z]\w*", code)} - set().union(*map(collect_keys, goldens))
+        assert verb not in verbs or not missing, verb
 
 
 if __name__ == "__main__":

@@ -68,15 +68,11 @@ def test_the_plugin_gives_the_torques_of_the_c_controller(
     done = subprocess.run([tmp_path / "run"], capture_output=True, text=True, check=True)
     *interfaces, last = done.stdout.splitlines()
     assert last == "200 updates equal"
-    offered = {
-        f"{own.get('name')}/{row.get('name')}"
-        for own in ElementTree.parse(tmp_path / "gimbal.urdf").findall("ros2_control/*")
-        for row in own
-    }
+    rows = ElementTree.parse(tmp_path / "gimbal.urdf").findall("ros2_control/*/*/..")
+    offered = {f"{one.get('name')}/{row.get('name')}" for one in rows for row in one}
     assert set(interfaces) <= offered
-    np.testing.assert_allclose(
-        Rig.load(str(tmp_path / "gimbal.urdf")).phi, bundled("turret").phi, atol=1e-9
-    )
+    again = Rig.load(str(tmp_path / "gimbal.urdf"))
+    np.testing.assert_allclose(again.phi, bundled("turret").phi, atol=1e-9)
     told = yaml.safe_load((tmp_path / "controllers.yaml").read_text())["controller_manager"]
     plugin = ElementTree.parse(tmp_path / "gimbal_plugin.xml").getroot()[0].get("name")
     assert told["ros__parameters"]["gimbal_controller"]["type"] == plugin
@@ -148,15 +144,15 @@ def test_the_compiled_link_asks_for_the_log_with_a_hello_alone(twin: Twin) -> No
     """Hostile bytes, and the frames that once carried new gains, neither begin the log nor keep a HELLO from it."""
     link = ctypes.create_string_buffer(65536)
     twin.library.code.gimbal_link_start(link)
-
-    def receive(data: bytes) -> bool:
-        return twin.library.code.gimbal_link_receive(link, data, ctypes.c_size_t(len(data))) & 1
-
     hello = encode_frame(Frame(HELLO, 0, b""))
     others = [encode_frame(Frame(kind, 7, bytes(100))) for kind in (0, 2, 3, 4, 255)]
     flawed = [hello[:k] + b"\7" + hello[k + 1 :] for k in range(len(hello) - 1)]
-    assert not any(map(receive, [*others, *flawed, b"\1" * 100000 + b"\0"]))
-    assert [receive(bytes([byte])) for byte in hello] == [*[False] * (len(hello) - 1), True]
+    last = bytes([*hello[:-1]])
+    asked = []
+    for data in (*others, *flawed, b"\1" * 100000 + b"\0", last, hello[-1:]):
+        size = ctypes.c_size_t(len(data))
+        asked.append(twin.library.code.gimbal_link_receive(link, data, size) & 1)
+    assert asked == [*[0] * (len(asked) - 1), 1]
 
 
 def listen(datagrams: list[bytes]) -> list[Log]:
@@ -219,20 +215,16 @@ FAR = [sample(5, stamp=2**63)] * 30
     "datagrams",
     [
         [sample(k) for first in range(0, 56, 7) for k in reversed(range(first, first + 7))],
-        [*map(sample, range(56)), sample(10), sample(55)],
-        [*map(sample, range(30)), *FAR, *map(sample, range(30, 56))],
-        [*map(sample, range(30)), sample(5, stamp=10**12), *map(sample, range(30, 56))],
-        [part for k in range(56) for part in (b"\5garbage", sample(k))],
-        [*FAR, *map(sample, range(56))],
+        [*map(sample, range(30)), *FAR, *map(sample, range(30, 56)), sample(10), sample(55)],
+        [b"\5garbage", *FAR, *map(sample, range(56))],
     ],
-    ids=["overtaking", "repeated", "far stamps", "a far stamp", "garbage", "far first"],
+    ids=["overtaking", "far and repeated", "garbage and far first"],
 )
 def test_what_is_out_of_order_or_none_costs_no_sample(datagrams: list[bytes]) -> None:
-    heard = listen(datagrams)
-    assert angles(heard) == list(range(56))
+    assert angles(listen(datagrams)) == list(range(56))
 
 
-@pytest.mark.parametrize("restart", [0, 10**9, 1_700_000_000_000_000])
+@pytest.mark.parametrize("restart", [0, 1_700_000_000_000_000])
 def test_a_gimbal_that_restarts_begins_a_trajectory_of_its_own(restart: int) -> None:
     """Its samples follow those before after 1 s, whatever its clock says, and a note names the time."""
     first = range(200, 250)
@@ -245,7 +237,7 @@ def test_a_gimbal_that_restarts_begins_a_trajectory_of_its_own(restart: int) -> 
     assert said.startswith("3.5 s: udp://127.0.0.1:")
 
 
-@pytest.mark.parametrize(("lost", "angle"), [(1, None), (0b11111, np.nan), (0, np.nan)])
+@pytest.mark.parametrize(("lost", "angle"), [(1, None), (0b11111, np.nan)])
 def test_samples_without_encoders_are_left_out_and_said(lost: int, angle: float | None) -> None:
     flawed = [sample(k, lost, angle=angle) for k in range(20, 30)]
     heard = listen([*map(sample, range(20)), *flawed, *map(sample, range(30, 60))])

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
-from gimbal_pin.control import tune
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import ModelError
 from gimbal_pin.export import convert_to_mjcf
-from gimbal_pin.rig import Rig
-from tests.command_line import Run, result
 from tests.exported import modelled
 from tests.mujoco_peer import torque
 from tests.rigs import VARIETY, bundled, states
@@ -89,12 +85,3 @@ def test_what_mujoco_cannot_hold_is_said_and_a_mass_below_zero_refused() -> None
     phi[10] = -1.0
     with pytest.raises(ModelError, match="no mass"):
         convert_to_mjcf(nominal(rig.with_phi(phi)))
-
-
-def test_our_own_reader_finds_the_exported_bodies_again(run: Run, tmp_path: Path) -> None:
-    rig = bundled("turret")
-    tune(modelled(rig, UNWRITTEN)).save(tmp_path / "controller.yaml")
-    result(run, "export", tmp_path / "controller.yaml", "--mjcf", tmp_path / "turret.xml")
-    again = Rig.load(tmp_path / "turret.xml")
-    assert again.joints == rig.joints
-    np.testing.assert_allclose(again.phi, rig.phi, atol=1e-9)

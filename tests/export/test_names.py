@@ -70,29 +70,24 @@ def test_no_part_of_a_name_is_code_in_what_export_writes(run: Run, tmp_path: Pat
     subprocess.run(check, cwd=tmp_path / "c", capture_output=True, check=True)
     given = yaml.safe_load((tmp_path / "ros2" / "controllers.yaml").read_text("utf-8"))
     parameters = given["gimbal_controller"]["ros__parameters"]
-    imus = (parameters["base_imu"], parameters["camera_imu"])
-    assert imus == (f"{NAMES[2]}_imu", f"{NAMES[4]}_imu")
+    assert parameters["base_imu"] == f"{NAMES[2]}_imu"
+    assert parameters["camera_imu"] == f"{NAMES[4]}_imu"
     axes = json.loads((tmp_path / "o.json").read_text("utf-8"))["axes"]
-    joints = [
-        [joint.get("name") for joint in etree.parse(tmp_path / file).findall(place)]
-        for file, place in (("ros2/gimbal.urdf", "ros2_control/joint"), ("m.xml", ".//body/joint"))
-    ]
-    assert joints == [list(NAMES[:2])] * 2 == [list(axes)] * 2
+    assert list(axes) == list(NAMES[:2])
+    for file, place in (("ros2/gimbal.urdf", "ros2_control/joint"), ("m.xml", ".//body/joint")):
+        joints = etree.parse(tmp_path / file).findall(place)
+        assert [joint.get("name") for joint in joints] == list(NAMES[:2])
 
 
-@pytest.mark.parametrize("name", ["a\nb", "a\tb", "a\x9bb", "a\u202eb", " a", "a ", "a" * 65])
-@pytest.mark.parametrize("place", ["joint", "link", "rig"])
-def test_a_name_of_other_characters_is_refused(name: str, place: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["a&#10;b", "a&#9;b", "a\x9bb", "a\u202eb", " a", "a" * 65])
+def test_a_name_of_other_characters_is_refused(name: str, tmp_path: Path) -> None:
     """Line ends, control characters, marks of direction, spaces at an end, and more than 64 characters."""
-    names = {"joint": "joint", "link": "link", "rig": "rig", place: name}
-    joint, link = (
-        names[kind].replace("\n", "&#10;").replace("\t", "&#9;") for kind in ("joint", "link")
-    )
-    text = (
-        f'<robot name="x"><link name="base"/>{BODY.format(link, 1)}<joint name="{joint}" type="continuous">'
-        f'<parent link="base"/><child link="{link}"/></joint></robot>'
-    )
-    path = tmp_path / f"{names['rig']}.urdf"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(RigError, match="64 printable"):
-        Rig.load(path)
+    path = tmp_path / "x.urdf"
+    for joint, link in ((name, "link"), ("joint", name)):
+        path.write_text(
+            f'<robot name="x"><link name="base"/>{BODY.format(link, 1)}'
+            f'<joint name="{joint}" type="continuous">'
+            f'<parent link="base"/><child link="{link}"/></joint></robot>'
+        )
+        with pytest.raises(RigError, match="64 printable"):
+            Rig.load(path)

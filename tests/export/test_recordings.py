@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from gimbal_pin.diagnosis import TorqueTrace, trace_torques
-from gimbal_pin.dynamics import nominal, plant_with
-from gimbal_pin.effects import parse_effect
+from gimbal_pin.dynamics import nominal
+from gimbal_pin.effects import Cogging, Term
 from gimbal_pin.export import write_mcap, write_rrd
 from gimbal_pin.log import read_log, write_log
-from tests.bench_logs import prescribed
 from tests.command_line import Run, refused
+from tests.refitted import plant, record
 from tests.rigs import bundled
 
 KINDS = ("measured", "model", "residual")
 TURRET = bundled("turret")
-TOOTHED = plant_with(
-    nominal(TURRET), [parse_effect("cogging:pan:amplitude=0.05,harmonic=7", TURRET)]
-).plant
-LOG = prescribed(TOOTHED, 3, 8.0, dt=4e-3)
+LOG = record(plant(Term(Cogging("pan", (7.0,)), (0.05, 0.0))), 3, dt=4e-3)
 
 
 @pytest.fixture(scope="module")
@@ -37,19 +33,17 @@ def test_mcaps_own_reader_finds_the_numbers(trace: TorqueTrace, tmp_path: Path) 
     from mcap_ros2.decoder import DecoderFactory
 
     write_mcap(TURRET, [trace], tmp_path / "one.mcap")
-    found: dict[str, list[Any]] = {}
     with (tmp_path / "one.mcap").open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        for _, channel, message, said in reader.iter_decoded_messages():
-            found.setdefault(channel.topic, []).append((message.log_time, said))
-    assert set(found) == {"/robot_description", *(f"/{kind}" for kind in KINDS)}
+        found = [(one[1].topic, one[2].log_time, one[3]) for one in reader.iter_decoded_messages()]
+    assert {topic for topic, _, _ in found} == {"/robot_description", *(f"/{x}" for x in KINDS)}
     for kind in KINDS:
-        times, said = zip(*found[f"/{kind}"])
-        np.testing.assert_allclose(1e-9 * np.array(times), trace.t, atol=1e-9)
-        assert said[0].name == list(trace.joints)
-        np.testing.assert_array_equal([one.position for one in said], trace.q)
-        np.testing.assert_array_equal([one.velocity for one in said], trace.v)
-        np.testing.assert_array_equal([one.effort for one in said], getattr(trace, kind))
+        rows = [(time, said) for topic, time, said in found if topic == f"/{kind}"]
+        np.testing.assert_allclose([1e-9 * time for time, _ in rows], trace.t, atol=1e-9)
+        assert rows[0][1].name == list(trace.joints)
+        np.testing.assert_array_equal([one.position for _, one in rows], trace.q)
+        np.testing.assert_array_equal([one.velocity for _, one in rows], trace.v)
+        np.testing.assert_array_equal([one.effort for _, one in rows], getattr(trace, kind))
 
 
 def test_reruns_own_reader_finds_the_numbers_and_the_poses(
@@ -63,20 +57,19 @@ def test_reruns_own_reader_finds_the_numbers_and_the_poses(
     chunks = RrdReader(tmp_path / "one.rrd").stream().to_chunks()
     found = {chunk.entity_path: chunk.to_record_batch() for chunk in chunks}
     data = TURRET.model.createData()
+    pin.forwardKinematics(TURRET.model, data, trace.q[700])
     for j, joint in enumerate(TURRET.joints):
-        rows = {f"/torque/{joint}/{kind}": trace.torques[kind][:, j] for kind in KINDS}
-        for place, values in {**rows, f"/angle/{joint}": trace.q[:, j]}.items():
-            batch = found[place]
+        for kind in KINDS:
+            batch = found[f"/torque/{joint}/{kind}"]
             scalars = np.concatenate(batch["Scalars:scalars"].to_numpy(False))
-            np.testing.assert_array_equal(scalars, values)
+            np.testing.assert_array_equal(scalars, trace.torques[kind][:, j])
             stamps = 1e-9 * np.array(batch["time"].cast("int64"))
             np.testing.assert_allclose(stamps, trace.t, atol=2e-9)
         moved = found[f"/joint/{joint}"]
-        pin.forwardKinematics(TURRET.model, data, trace.q[700])
-        pose = data.liMi[j + 1]
         turn = pin.Quaternion(np.array(moved["Transform3D:quaternion"][700].as_py()[0]))
-        np.testing.assert_allclose(turn.toRotationMatrix(), pose.rotation, atol=1e-6)
         place = moved["Transform3D:translation"][700].as_py()[0]
+        pose = data.liMi[j + 1]
+        np.testing.assert_allclose(turn.toRotationMatrix(), pose.rotation, atol=1e-6)
         np.testing.assert_allclose(place, pose.translation, atol=1e-6)
 
 
