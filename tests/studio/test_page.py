@@ -123,7 +123,7 @@ def test_only_this_machine_and_only_who_has_the_address(studio: tuple[int, str])
 def test_a_person_tunes_swaps_goes_back_and_saves(studio: tuple[int, str], folder: Path) -> None:
     """Nothing but this machine is asked, and axe has nothing against the page.
 
-    Another camera has its own mass, ends of the slider and report; a malformed event is one line.
+    Another camera has its own mass and ends of the slider; a malformed event is one line.
     """
     stated = float(get_payload(bundled("turret", "cinema"))[1].mass)
     hertz = SLIDER.format("bandwidth_hz")
@@ -144,7 +144,6 @@ def test_a_person_tunes_swaps_goes_back_and_saves(studio: tuple[int, str], folde
     steps += [until(f"{TITLE} === 'turret with cinema' && {SETTLED}"), mounted]
     steps += [*act("undo"), until(f"{TITLE} === 'turret with infrared'")]
     steps += [*act("redo"), until(f"{TITLE} === 'turret with cinema' && {SAID} === ''")]
-    steps += [*act("save-report"), until(f"{SAID}.startsWith('saved')", 300)]
     seen = visit(studio[1], wide(1280), *steps)
     _, first, title, given, (shown, number, spoken), mine = seen.values
     assert given[2] == ""
@@ -157,9 +156,6 @@ def test_a_person_tunes_swaps_goes_back_and_saves(studio: tuple[int, str], folde
     assert (seen.complaints, found) == ([], [])
     assert {urlsplit(one).hostname for one in seen.requests} == {"127.0.0.1"}
     assert read_controller(folder / "out" / "controller.yaml", bundled("turret")).model
-    report = (folder / "out" / "report.html").read_text()
-    assert "turret with cinema" in report
-    assert "turret with infrared" not in report
 
 
 def test_without_a_page_it_tells_the_gains_and_what_is_missing(
