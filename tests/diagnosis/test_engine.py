@@ -30,7 +30,7 @@ from gimbal_pin.diagnosis import (
 from gimbal_pin.diagnosis.engine.criterion import criterion
 from gimbal_pin.diagnosis.reversals import find_shifts, open_turns
 from gimbal_pin.dynamics import nominal, reduce_parameters
-from gimbal_pin.effects import Armature, Cogging, Delay, Presliding, Term
+from gimbal_pin.effects import Armature, Cogging, Delay, JointFlexibility, Presliding, Term
 from gimbal_pin.log import Array, Log, Motion
 from tests.bench_logs import fourier
 from tests.diagnosis.cases import few
@@ -269,5 +269,6 @@ def test_a_quiet_motion_tells_the_inertia_and_a_shaken_one_does_not(
     said = [note for note in found.notes if "inertia" in note]
     assert len(said) == (told != "") and all(told in note for note in said)
     assert found.state is not None
-    assert is_hidden_by_noise(found.state, Armature("swing")) == (shaken > 0)
+    for cause in (Armature("swing"), JointFlexibility("swing", 8.0, rotor_share=0.3)):
+        assert is_hidden_by_noise(found.state, cause) == (shaken > 0)
     assert not is_hidden_by_noise(found.state, Delay("swing", 0.01))

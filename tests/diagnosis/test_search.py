@@ -231,7 +231,9 @@ def test_a_form_is_told_from_others_with_its_shape_and_size(term: Term) -> None:
     assert np.all(solve_causes(state.problem, (best,), state).fit.dispersion < 1.5)
 
 
-@pytest.mark.parametrize("turn", [EncoderOffset("roll", 0.5), BaseTilt(0.2, -0.3)], ids=str)
+@pytest.mark.parametrize(
+    "turn", [EncoderOffset("roll", 0.5), BaseTilt(0.2, -0.3), BaseTilt(pitch_rate=-0.02)], ids=str
+)
 def test_a_large_turn_is_built_at_its_own_angle(turn: RigEffect) -> None:
     """It explains what is missed without it, and is no candidate a second time; in proportion it would be off."""
     rig = Rig.load("thesis")
