@@ -50,6 +50,7 @@ def each_joint(names: str, values: np.ndarray) -> dict[str, np.ndarray]:
         ("current_{j}", "tau", "A", CONSTANTS[0]),
         ("current_{j}", "tau", "mA", 1e-3 * CONSTANTS[0]),
         ("tau_{j}_Ncm", "tau", "N cm", 1e-2),
+        ("vel_{j}_mrad/s", "dq", "mrad/s", 1e-3),
         ("rate_{j}_rpm", "dq", "rpm", pi / 30),
         ("vel {j} [Hz]", "dq", "turns/s", 2 * pi),
         ("rate_{j} (°/s)", "dq", "deg/s", pi / 180),
@@ -105,9 +106,10 @@ def test_a_rate_of_the_other_sign_or_of_an_unknown_unit_is_turned_into_its_angle
     tmp_path: Path,
 ) -> None:
     columns = {"t": T, **each_joint("pos{k}", LOG.q), **each_joint("vel{k}", V / [-1.0, 0.0042])}
-    mapping = found_in(columns, tmp_path).mapping
-    assert mapping["dq_pan"][:2] == ("vel1", "-")
-    assert float(mapping["dq_tilt"][1]) == pytest.approx(0.0042, rel=1e-3)
+    found = found_in(columns, tmp_path)
+    assert found.mapping["dq_pan"][:2] == ("vel1", "-")
+    assert "# tau_pan: COLUMN*FACTOR" in found.yaml
+    assert float(found.mapping["dq_tilt"][1]) == pytest.approx(0.0042, rel=1e-3)
 
 
 @pytest.mark.parametrize(

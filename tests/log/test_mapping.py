@@ -140,6 +140,7 @@ AMPERES = 0.0027 * np.array([motor.torque_constant for motor in TURRET.motors])
         ),
         (("t", "{} [cnt]", "tau_{}"), (1, 2 * PI / 65536, 1), "COUNTS_PER_TURN", "65536"),
         (("t", "{}.pos", "tau_{}"), (1, 0.02, 1), "RAD_PER_UNIT", "0.02"),
+        (("t", "angle_{}", "tau_{}"), (1, 0.002, 1), "RAD_PER_UNIT", "0.002"),
         (("t", "q_{}", "current_{}"), (1, 1, AMPERES), "AMPERES_PER_UNIT", "0.0027"),
     ],
 )

@@ -223,6 +223,7 @@ BAD = {
         "quaternion",
     ),
     "MJCF that is none": ("<mujoco><wordbody/></mujoco>", "wordbody"),
+    "two joints": (MUJOCO.replace("<joint", '<joint axis="1 0 0"/><joint', 1), "2 joints"),
     "xacro that never ends": (
         '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m" params=""><xacro:m/>'
         "</xacro:macro><xacro:m/></robot>",
@@ -259,7 +260,6 @@ def test_joints_of_mujoco_may_lie_beside_their_bodies_frames() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("<joint", '<joint axis="1 0 0"/><joint', "2 joints"),
         ('axis="0 1 0" pos="0 0 0.5" ref="0.4"', 'type="ball"', "ball"),
         (
             "<actuator>",
