@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, nan
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,13 +12,6 @@ from gimbal_pin.log import Array
 from gimbal_pin.pointing import Measurement
 from gimbal_pin.pointing.navigator import Navigator
 from gimbal_pin.pointing.pointer import Holder
-
-
-class Fault(Protocol):
-    """A sensor that fails."""
-
-    def apply(self, seen: Measurement, before: Measurement | None) -> Measurement | None:
-        """Return what arrives in place of `seen`, None if nothing does; `before` is what arrived last."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +33,7 @@ class SensorFault:
     step: float = 0.0
 
     def apply(self, seen: Measurement, before: Measurement | None) -> Measurement | None:
-        """Return the measurement as it arrives, see `Fault`."""
+        """Return what arrives of a measurement, None if nothing does; `before` is what arrived last."""
         if not self.start <= seen.t < self.end or (self.kind == "frozen" and before is None):
             return seen
         if self.kind == "dropped":
@@ -84,7 +77,7 @@ class FailingSensors:
     """
 
     holder: Holder
-    faults: tuple[Fault, ...]
+    faults: tuple[SensorFault, ...]
 
     @property
     def navigator(self) -> Navigator:

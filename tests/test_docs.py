@@ -45,26 +45,24 @@ class Block(NamedTuple):
         calls = [shlex.split(line, comments=True) for line in lines]
         return [words[1:] for words in calls if words and words[0] == "gimbal-pin"]
 
-    @property
-    def runs(self) -> bool:
-        """True of a block with commands or a snippet."""
-        return self.language == "python" or bool(self.commands)
+
+def list_blocks(page: Path) -> list[Block]:
+    """Return the blocks of a page."""
+    return [Block(*found) for found in BLOCK.findall(page.read_text(encoding="utf-8"))]
 
 
-def yield_blocks(page: Path) -> Iterator[Block]:
-    """Yield the blocks of a page, and write those that are files where the test runs."""
-    for found in BLOCK.findall(page.read_text(encoding="utf-8")):
-        block = Block(*found)
+def write_files(page: Path) -> None:
+    """Write the blocks that are files where the test runs."""
+    for block in list_blocks(page):
         if block.title:
             Path(block.title).write_text(block.text, encoding="utf-8")
-        yield block
 
 
 def list_runs() -> Iterator[Any]:
     """Yield the pages with blocks that run, each with whether its slow blocks do so too."""
     for page in PAGES:
-        blocks = [Block(*found) for found in BLOCK.findall(page.read_text(encoding="utf-8"))]
-        marks = {block.mark for block in blocks if block.runs}
+        blocks = list_blocks(page)
+        marks = {block.mark for block in blocks if block.language == "python" or block.commands}
         if marks - {"slow"}:
             yield pytest.param(page, False, id=page.stem)
         if "slow" in marks:
@@ -78,8 +76,9 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 @pytest.mark.parametrize(("page", "slow"), [*list_runs()])
 def test_what_a_page_shows_runs(page: Path, slow: bool, run: Run) -> None:
+    write_files(page)
     names: dict[str, object] = {}
-    for block in yield_blocks(page):
+    for block in list_blocks(page):
         if block.mark == "slow" and not slow:
             continue
         if block.language == "python" and not block.title:
@@ -91,30 +90,27 @@ def test_what_a_page_shows_runs(page: Path, slow: bool, run: Run) -> None:
         whole(Path("out"))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def list_calls(page: Path) -> list[list[str]]:
+    """Return the calls of a page: of its blocks, and of one for language models those in its text."""
+    if page.suffix == ".md":
+        return [words for block in list_blocks(page) for words in block.commands]
+    text = " ".join(page.read_text(encoding="utf-8").split())
+    text = text.replace("RIG", "turret").replace("NEW.urdf", "cinema")
+    calls = [shlex.split(call.removeprefix("gimbal-pin ")) for call in re.findall("`(.+?)`", text)]
+    return [words for words in calls if len(words) > 1 and words[0] in VERBS]
+
+
+@pytest.mark.parametrize("page", [*PAGES, SOURCES / "llms.txt"], ids=lambda page: page.stem)
 def test_commands_and_links_of_a_page_are_there(page: Path) -> None:
-    for block in yield_blocks(page):
-        for words in block.commands:
-            parse_arguments(words)
+    write_files(page)
+    for words in list_calls(page):
+        parse_arguments(words)
     text = page.read_text(encoding="utf-8")
     for program in re.findall(r"\bscripts/[\w-]+(?:\.py)?", text):
         assert (ROOT / program).is_file(), program
     for link in LINK.findall(text):
-        assert (page.parent / link).exists(), link
-
-
-def test_commands_and_links_for_language_models_are_there() -> None:
-    text = " ".join((SOURCES / "llms.txt").read_text(encoding="utf-8").split())
-    text = text.replace("RIG", "turret").replace("NEW.urdf", "cinema")
-    calls = [
-        shlex.split(call.removeprefix("gimbal-pin ")) for call in re.findall("`([^`]+)`", text)
-    ]
-    calls = [words for words in calls if len(words) > 1 and words[0] in VERBS]
-    assert {"check", "identify", "diagnose", "tune", "track", "export"} <= {one[0] for one in calls}
-    for words in calls:
-        parse_arguments(words)
-    for link in LINK.findall(text):
-        assert (SOURCES / link).with_suffix(".md").exists(), link
+        place = page.parent / link
+        assert place.exists() or place.with_suffix(".md").exists(), link
 
 
 def test_the_reference_has_every_public_name() -> None:

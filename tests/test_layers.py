@@ -168,18 +168,6 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     assert len(list(order.static_order())) == len(modules)  # a circle raises CycleError
 
 
-def test_the_rules_are_about_files_that_exist() -> None:
-    assert len(FILES) > 20
-    assert all((PACKAGE / f"{name}.py").is_file() or (PACKAGE / name).is_dir() for name in NAMELESS)
-    for folder, names in SHARED.items():
-        assert all((PACKAGE / folder / f"{name}.py").is_file() for name in names)
-    assert (
-        concrete(["Stribeck"])
-        and concrete(["payload_shift", "PayloadShift"])
-        and not concrete(["Effect"])
-    )
-
-
 def test_studies_import_what_the_package_has() -> None:
     """No test runs most of them: a name that was moved or renamed shows here."""
     for path in (PACKAGE.parent / "scripts").rglob("*"):

@@ -34,9 +34,3 @@ def test_every_cell_of_a_notebook_shows_its_last_line(
         done.raise_error()
         shown = shell.display_formatter.format(done.result)[0]
         assert len(shown["text/html"]) > 100 and shown["text/plain"], code
-
-
-def test_there_are_three_and_each_is_on_the_page() -> None:
-    page = (ROOT / "docs" / "pages" / "notebooks.md").read_text(encoding="utf-8")
-    assert {path.stem for path in NOTEBOOKS} == set(re.findall(r'--8<-- "(\w+)\.py"', page))
-    assert len(NOTEBOOKS) == 3 and all(len(cells_of(path)) > 4 for path in NOTEBOOKS)

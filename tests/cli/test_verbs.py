@@ -27,15 +27,6 @@ FEW = ("--plants", "2")
 """A judgement that takes no time."""
 
 
-def test_base_is_the_thesis_table(run: Run) -> None:
-    found = result(run, "base", "thesis", "--diagonal")
-    assert (found["parameters"], found["identifiable"]) == (24, 15)
-    zero = {"spine.Ixx", "spine.Izz", "spine.mx", "spine.my", "spine.mz", "fork.my"}
-    assert set(found["unidentifiable"]) == zero
-    terms = {"spine.Iyy": 1.0, "fork.Izz": 1.0}
-    assert {"name": "spine.Iyy + fork.Izz", "terms": terms} in found["base"]
-
-
 def test_cutoff_and_alignment_count_together(run: Run, made: Path) -> None:
     """What is left of a log in order is small, and told in mN m."""
     call = ("identify", *CINEMA, made / "log.csv", "--cutoff", 5, "--alignment")
@@ -135,21 +126,6 @@ def test_auto_walks_from_a_log_to_a_report(
         assert found["identify"][key] == found["diagnose"][key] == alone[key]
     assert (found["tune"]["controller"], found["tune"]["wish"]["damping"]) == ("pid", 0.9)
     whole(out)
-
-
-@pytest.mark.parametrize("verb", ["identify", "auto"])
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [("tau_tilt", "other", "tau_tilt"), (r"\n(0\.04,)[^,]+", r"\n\1abc", "abc")],
-)
-def test_a_bad_log_leaves_nothing_behind(
-    verb: str, old: str, new: str, said: str, run: Run, made: Path, tmp_path: Path
-) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text(re.sub(old, new, (made / "log.csv").read_text()))
-    out = tmp_path / ("m.yaml" if verb == "identify" else "out")
-    refused(run(verb, "turret", path, "-o", out), 2, "log.csv", said)
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_data_that_cannot_answer_leave_with_another_code(
