@@ -37,7 +37,7 @@ from gimbal_pin.report import (
 )
 from gimbal_pin.report.format import interval, percent
 from gimbal_pin.report.sections.diagnosis import find_worst_stretch
-from tests.browsing import embedded, unpacked
+from tests.browsing import embedded
 from tests.report.records import (
     EVIL,
     RECORDS,
@@ -370,16 +370,6 @@ def test_masses_are_those_of_the_rig_and_of_the_payload_as_weighed() -> None:
     assert {figures(masses.sum() - payload + 0.5), figures(payload), "0.500"} <= {*rows[""]}
     for j, joint in enumerate(rig.joints):  # each carries the next
         assert figures(masses[j:].sum()) in rows[key(joint)]
-
-
-def test_charts_of_steps_hold_positions_and_what_is_left_to_the_reference() -> None:
-    found = record_of("turret", "Tracking")
-    (tables,) = unpacked(page_of("turret", "Tracking"))
-    for j in range(2):
-        place, error = (tables[k][1:] for k in (j, 2 + j))
-        np.testing.assert_allclose(error, place[-1] - place[:-1], atol=1e-5)
-        for one, curve in zip(found.experiments[::-1], place):
-            assert curve.max() == pytest.approx(np.degrees(one.q[:, j]).max(), rel=1e-6)
 
 
 def test_draws_for_arviz_have_the_estimate_s_mean_and_covariance() -> None:

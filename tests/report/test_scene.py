@@ -218,20 +218,12 @@ def test_the_line_of_sight_is_plus_x_of_the_camera_frame(name: str) -> None:
         np.testing.assert_allclose(dot[:, 3], end, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "fps", "speed", "ends"),
-    [
-        (2.0, 25, 0.5, [0, 1 / 25, 4]),
-        (2.01, 10, 1.0, [0, 0.1, 2.01]),
-    ],
-)
-def test_frames_run_from_first_to_last_sample(
-    lumped: Rig, seconds: float, fps: float, speed: float, ends: list[float]
-) -> None:
-    page = view.record(lumped, sweep(lumped, seconds), fps=fps, speed=speed)
+def test_frames_run_from_first_to_last_sample(lumped: Rig) -> None:
+    """At half the speed; the last one is there though no whole step ends with it."""
+    page = view.record(lumped, sweep(lumped, 2.01), fps=10, speed=0.5)
     for _, _, times, values in keyframes(page):
         assert len(times) == len(values)
-        assert times[[0, 1, -1]] == pytest.approx(ends, rel=1e-6)
+        assert times[[0, 1, -1]] == pytest.approx([0, 0.1, 4.02], rel=1e-3)
 
 
 def test_the_same_motion_gives_the_same_page_whatever_the_order_of_columns(lumped: Rig) -> None:
@@ -261,13 +253,10 @@ def test_two_runs_stand_apart_and_show_their_errors_magnified_by_one_factor(lump
     page = view.animate(lumped, runs[0], beside=runs[1]).page
     moved = groups(page, 7)
     for home, angle in (("/meshcat", 0.18), ("/meshcat/beside", 0.04)):
-        own, ghost = (
-            moved[figure.list_scene_paths(lumped, f"{home}/{one}")[2]][:3, :3]
-            for one in ("rig", "ghost")
-        )
+        places = (f"{home}/rig", f"{home}/ghost")
+        own, ghost = (moved[figure.list_scene_paths(lumped, x)[2]][:3, :3] for x in places)
         assert np.linalg.norm(pin.log3(own.T @ ghost)) == pytest.approx(angle, abs=1e-5)
-    alone = parts(view.record(lumped, runs[1]), frame=7)
-    apart = parts(page, "/meshcat/beside/rig", 7) - alone
+    apart = parts(page, "/meshcat/beside/rig", 7) - parts(view.record(lumped, runs[1]), frame=7)
     assert np.linalg.norm(apart[0]) > 0.5
     np.testing.assert_allclose(apart, np.broadcast_to(apart[0], apart.shape), atol=1e-6)
 
