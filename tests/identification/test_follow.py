@@ -107,6 +107,8 @@ REFUSED: dict[str, Callable[[], object]] = {
     ),
     "too few samples": lambda: ONLINE.model(ONLINE.start()),
     "so far": lambda: ONLINE.model(BEGUN),
+    "move every joint": lambda: learn(ONLINE, replace(LOG, q=0 * LOG.q, v=0 * LOG.q)),
+    "positive": lambda: Online.of(RIG, fading=0.0),
     "memory": lambda: Online.of(RIG, [Presliding("pan", 0.01)]),
     "no uncertainty": lambda: Online.of(RIG, known=nominal(RIG)),
     "too short for a drive; if t has another unit": lambda: ONLINE.advance(
