@@ -112,6 +112,14 @@ def test_parameters_are_drawn_from_the_covariance() -> None:
     np.testing.assert_allclose(shares[:count], shares[:count].T, atol=1e-5)
 
 
+def test_a_payload_is_off_by_millimetres_and_a_share_of_its_mass() -> None:
+    variation = make_variation(nominal(TURRET), Vary(payload={"x": 0.0, "mass": 0.0}))
+    middle = dict.fromkeys(variation.distributions, 0.0)
+    moved = variation.make_body({**middle, "payload.x": 2.0}).rig.phi - TURRET.phi
+    doubled = variation.make_body({**middle, "payload.mass": 1.0}).rig.phi - TURRET.phi
+    assert np.linalg.norm(moved[11:14]) == pytest.approx(2e-3 * doubled[10])
+
+
 # --- The verb -----------------------------------------------------------------------------------
 
 
