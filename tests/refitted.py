@@ -37,8 +37,3 @@ def refit(log: Log, rig: Rig = RIG, filtering: Filtering = ALIGNED) -> State:
     """The refitted model of a log without any cause."""
     problem = Problem.of(gather(rig, [log], filtering), reduce_parameters(rig))
     return solve_causes(problem, (), solve_causes(problem, ()))
-
-
-def first(*terms: Term, rig: Rig | None = None, given: Rig = RIG) -> State:
-    """The refitted model without any cause, on a log of these terms on a rig, which may be another than the given."""
-    return refit(record(plant(*terms, rig=rig or given), seconds=14.0), given)
