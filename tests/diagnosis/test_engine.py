@@ -6,9 +6,6 @@ explains what was there, unseen data confirm it, and noise in the motion hides i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
@@ -25,9 +22,7 @@ from gimbal_pin.diagnosis import (
     explain,
     gather,
     is_hidden_by_noise,
-    solve_causes,
 )
-from gimbal_pin.diagnosis.engine.criterion import criterion
 from gimbal_pin.diagnosis.reversals import find_shifts, open_turns
 from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.effects import Armature, Cogging, Delay, JointFlexibility, Presliding, Term
@@ -177,28 +172,6 @@ def test_what_is_planted_explains_what_was_there_and_is_seen_where_nobody_looks_
     assert all(cause.place != "pan" for cause in found.final.causes)
 
 
-def retimed_log(log: Log, late: Sequence[float]) -> Log:
-    """Return a log whose torques were reported so much later than they acted."""
-    tau = np.asarray(log.tau)
-    shifted = [np.interp(log.t - by, log.t, x) for by, x in zip(late, tau.T)]
-    return replace(log, tau=np.stack(shifted, axis=1))
-
-
-def test_each_torques_time_is_estimated_and_is_no_finding() -> None:
-    """Torques that are reported some milliseconds apart are aligned to a fifth of one, and cogging stays cogging."""
-    found = explain_log(retimed_log(log_of(0.01, 3, noise=0.002), (3e-3, -1e-3)), "cogging")
-    np.testing.assert_allclose(found.alignment, [-3e-3, 1e-3], atol=2e-4)
-    assert [cause.name for cause in found.state.causes] == ["cogging"]
-
-
-def test_a_drives_delay_is_a_cause_with_all_of_its_time() -> None:
-    """15 ms are no shift of channels: they are named, and not 5 ms less than they are."""
-    found = explain_log(retimed_log(log_of(0.0, 3, noise=0.002), (0.0, -15e-3)), "delay")
-    (cause,) = found.state.causes
-    assert isinstance(cause, Delay) and cause.place == "tilt"
-    assert cause.time == pytest.approx(15e-3, abs=5e-4) and found.alignment[1] == 0.0
-
-
 def teeth(amplitude: float, seed: int) -> Evidence:
     """Return the evidence of a motor that cogs."""
     model = plant(Term(Cogging("pan", (7.0,)), (amplitude, 0.0)))
@@ -222,19 +195,6 @@ def test_a_cause_that_unseen_data_deny_is_left_out_and_what_it_explained_is_unkn
     assert refuted.found.structured == (True, False)
     (said,) = refuted.denied
     assert "pan" in said and "cogging" in said
-
-
-def test_what_is_less_than_an_error_of_the_models_form_is_no_cause() -> None:
-    """However clear of the noise: every rigid model is off by half a per cent of the torque."""
-    found = search(teeth(0.0015, 0))
-    assert not found.final.causes and not any(found.structured)
-
-
-def test_parameters_cost_more_than_they_gain_by_luck() -> None:
-    """``log N`` each, of which noise gains about one."""
-    state = refit(record(nominal(RIG), dt=DT))
-    more = solve_causes(state.problem, (Cogging("pan", (7.0,)),), state)
-    assert 0.0 < criterion(more) - criterion(state) < 2.0 * np.log(state.problem.evidence.rows)
 
 
 def swing(shaken: float, inertia: float) -> Log:

@@ -12,6 +12,7 @@ import pytest
 from lxml import etree
 
 from gimbal_pin.dynamics import Model, compute_regressor, compute_rnea
+from gimbal_pin.dynamics.regressor import compute_coupling
 from gimbal_pin.log import Array, Platform
 from gimbal_pin.rig import GRAVITY
 from tests.dynamics.odd_rigs import ALL, known
@@ -103,6 +104,20 @@ def test_torque_is_mujocos_on_a_base_that_stands_or_moves(name: str | tuple[str,
     moved = compute_rnea(rig, *at, platform)
     expected = torque(rigid_bodies(robot), rig.joints, *at, list(base))
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+def test_a_torque_that_speeds_up_one_joint_asks_its_coupling_of_the_others() -> None:
+    """``M_j / (M_jj + rotor)``: the torques for an acceleration of one joint alone, over its own."""
+    rig = bundled("turret")
+    rotor = 2e-3
+    q, _, _ = states(rig.n, 3)
+    still = np.zeros_like(q)
+    for j in range(rig.n):
+        alone = np.zeros_like(q)
+        alone[:, j] = 1.0
+        mass = compute_rnea(rig, q, still, alone) - compute_rnea(rig, q, still, still)
+        own = mass[:, [j]] + rotor
+        np.testing.assert_allclose(compute_coupling(mass, j, rotor), mass / own)
 
 
 @pytest.mark.parametrize("name", ALL)

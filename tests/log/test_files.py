@@ -30,6 +30,16 @@ def test_the_old_file_stays_when_writing_fails(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_who_reads_the_old_file_reads_all_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    atomic_write(path, "old")
+    os.link(path, tmp_path / "other")
+    with path.open() as reader:
+        atomic_write(path, "new, and longer")
+        assert reader.read() == "old"
+    assert (tmp_path / "other").read_text() == "old"
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX access rights, links and devices")
 def test_rights_links_and_devices_stay(tmp_path: Path) -> None:
     (tmp_path / "plain").write_text("")
