@@ -3,6 +3,7 @@
     scripts/blind draw --folder F --seed N   logs, rigs and truths: a sample (``--counts clean 30 single 60``)
     scripts/blind run --folder F             diagnoses what is not diagnosed yet
     scripts/blind store --folder F --csv C   the answers in one file, a line each, which ``judge --folder C`` reads too
+    scripts/blind compare A B                two engines' answers on the same logs: discordant logs and sign test
     scripts/blind judge --folder F           the table: every figure with Wilson bounds, must, PASS or FAIL
     scripts/blind --reliability --folder F   stated probabilities against the truth: table, picture and JSON in F
 
@@ -25,6 +26,7 @@ from time import process_time
 from typing import Any, Literal
 
 import tyro
+from blind_comparison import compare, format_pairs
 from tqdm import tqdm
 
 from gimbal_pin.cli import main as gimbal_pin
@@ -155,6 +157,22 @@ def judged_in(folder: Path) -> dict[str, Judged]:
     }
 
 
+def compare_answers(
+    first: tyro.conf.Positional[Path], second: tyro.conf.Positional[Path], each: bool = False
+) -> None:
+    """Print the paired table of two engines on the logs that both answered.
+
+    Args:
+        first: Folder of the draw, diagnosed, or a CSV file of stored answers.
+        second: The same of the other engine.
+        each: Name the discordant logs of every figure, too.
+    """
+    pairs = compare(judged_in(first), judged_in(second))
+    print(format_pairs(pairs))
+    for pair in pairs if each else ():
+        print(f"{pair.name}\n  won: {', '.join(pair.won)}\n  lost: {', '.join(pair.lost)}")
+
+
 def described(name: str, case: Judged) -> str:
     """One line: what was hidden and what was said; ! before what is wrong."""
     hidden = [f"{cause['cause']}:{cause['form']} at {cause['joint']}" for cause in case.causes]
@@ -206,6 +224,7 @@ def main() -> None:
         "draw": draw,
         "run": run,
         "store": store,
+        "compare": compare_answers,
         "judge": judge_folder,
         "reliability": judge_probabilities,
     }

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from blind_comparison import compare
 from scipy.stats import binomtest
 
 from tests.blind import answers
@@ -45,13 +46,24 @@ def answer_perfectly(truth: Any) -> Json:
     if truth["stratum"] == "outside":
         return say(truth, "unknown")
     findings = [find(one["cause"], one["joint"]) for one in truth["causes"]]
-    return say(truth, "named", *findings, left=0.0)
+    return say(truth, "named" if findings else "nothing", *findings, left=0.0)
 
 
 def test_a_perfect_diagnosis_passes() -> None:
     rows = score([judge(truth, answer_perfectly(truth)) for truth in TRUTHS])
     grades = [row.grade for row in rows if row.must is not None and row.count]
     assert grades == 11 * ["PASS"]
+
+
+def test_a_perfect_engine_loses_no_log_to_a_silent_one() -> None:
+    named = {str(number): truth for number, truth in enumerate(TRUTHS)}
+    silent = {name: judge(truth, say(truth, "nothing")) for name, truth in named.items()}
+    perfect = {name: judge(truth, answer_perfectly(truth)) for name, truth in named.items()}
+    for forth, back in zip(compare(silent, perfect), compare(perfect, silent)):
+        assert not forth.lost
+        assert (back.lost, back.won) == (forth.won, forth.lost)
+        assert back.p_value == forth.p_value
+    assert sum(len(pair.won) for pair in compare(silent, perfect)) > 0
 
 
 RIGHT = ["first name right", "two effects"]

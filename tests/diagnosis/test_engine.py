@@ -151,14 +151,6 @@ def explain_log(log: Log, *more: str) -> Explained:
     return explain(gather(RIG, [log], ALIGNED), reduce_parameters(RIG), kinds)
 
 
-def test_noise_within_the_motions_band_is_no_cause() -> None:
-    """It is whitened to about one, nothing is named, and δ predicts nothing of it."""
-    found = explain_log(log_of(), "cogging")
-    assert not found.state.causes
-    assert np.all((found.first.fit.dispersion > 0.5) & (found.first.fit.dispersion < 1.3))
-    assert all(lack.share < 0.1 for lack in found.before)
-
-
 def test_what_is_planted_explains_what_was_there_and_is_seen_where_nobody_looks_for_it() -> None:
     found = explain_log(log_of(0.01), "cogging")
     (cause,) = found.state.causes
