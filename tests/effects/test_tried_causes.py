@@ -54,7 +54,6 @@ def test_no_cause_is_tried_or_moved_beyond_its_bounds(
     ("cause", "seen", "rival", "alike"),
     [
         (Stribeck("tilt", 0.01), SEEN, "presliding", True),
-        (Stribeck("tilt", 0.02), SEEN, "presliding", False),
         (Cogging("yaw", (1.0,)), TURN._replace(upright=True), "base-tilt", True),
         (Cogging("yaw", (1.0,)), TURN, "base-tilt", False),
         (Cogging("yaw", (1.0,)), SEEN, "cable-spring", True),
