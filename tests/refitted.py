@@ -1,4 +1,4 @@
-"""Logs of planted terms, and the refitted model of a log, where the search begins."""
+"""Logs of planted terms."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Problem, State, gather, solve_causes
-from gimbal_pin.dynamics import Model, nominal, reduce_parameters
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND
+from gimbal_pin.dynamics import Model, nominal
 from gimbal_pin.effects import Term
 from gimbal_pin.log import Log
-from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 
@@ -31,9 +30,3 @@ def record(
 def plant(*terms: Term, rig: Rig = RIG) -> Model:
     """The nominal model of a rig with terms on top."""
     return Model(rig, (*nominal(rig).terms, *terms))
-
-
-def refit(log: Log, rig: Rig = RIG, filtering: Filtering = ALIGNED) -> State:
-    """The refitted model of a log without any cause."""
-    problem = Problem.of(gather(rig, [log], filtering), reduce_parameters(rig))
-    return solve_causes(problem, (), solve_causes(problem, ()))

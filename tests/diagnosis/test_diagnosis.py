@@ -22,7 +22,7 @@ from gimbal_pin.identification import (
     read_model,
     refittable_effects,
 )
-from gimbal_pin.log import Array
+from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig, make_generator
 from tests.bench_logs import EXACT, prescribed
 from tests.diagnosis.cases import CASES, detent, few, found, log_of, notch, push
@@ -219,6 +219,45 @@ def test_a_rotor_is_found_unless_it_is_stated(stated: float) -> None:
     open_ = [joint for joint, opinion in found.opinions.items() if opinion.is_open]
     assert open_ == ([] if stated else ["elbow"])
     assert ("gimbal-pin diagnose" in found.warnings[0]) == (not stated)
+
+
+PENDULUM = """<robot name="joint"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.3"/>
+<mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="swing" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+def swing(shaken: float, inertia: float) -> Log:
+    """Return a log of an arm whose joint shakes by so much from 4 to 12 Hz, rad; its controller damps that."""
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, 30.0, 4e-3)
+    slow, fast = (2 * np.pi * rng.uniform(*band, 12) for band in ((0.1, 1.0), (4.0, 12.0)))
+
+    def waves(w: Array, order: int) -> Array:
+        angle = np.outer(t, w) + np.arange(12) + order * np.pi / 2
+        return np.asarray(np.sin(angle) @ w**order)
+
+    q, v, a = (0.2 * waves(slow, k) for k in range(3))
+    tau = inertia * a + 9.80665 * 0.3 * np.sin(q) + 0.05 * v + 0.1 * np.tanh(v / 0.01)
+    tau += 0.01 * rng.standard_normal(len(t)) - 0.5 * shaken * waves(fast, 1)
+    read = q + shaken * waves(fast, 0)
+    return Log("swing", ("swing",), t, read[:, None], tau=tau[:, None])
+
+
+@pytest.mark.parametrize(
+    ("shaken", "inertia", "told"),
+    [
+        (0.0, 0.1, ""),
+        (0.0, 0.13, "more than the URDF's"),
+        (0.02, 0.13, "noise in the motion may hide inertia"),
+    ],
+)
+def test_a_quiet_motion_tells_the_inertia_and_a_shaken_one_does_not(
+    shaken: float, inertia: float, told: str
+) -> None:
+    """The URDF's is 0.1 kg m² about the axis."""
+    found = diagnose(spelled(PENDULUM), swing(shaken, inertia), {})
+    said = [note for note in found.notes if "inertia" in note]
+    assert len(said) == (told != "") and all(told in note for note in said)
 
 
 @pytest.mark.parametrize("kind", ["one second", "one joint", "still", "torque of noise", "10 Hz"])

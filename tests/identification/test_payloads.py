@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -37,9 +37,10 @@ from gimbal_pin.identification.payloads import CarrierEstimate, get_stated_paylo
 from gimbal_pin.log import Array, Log, write_log
 from gimbal_pin.regression import TRUST, compute_deformation_root
 from gimbal_pin.rig import Rig, find_payload
+from gimbal_pin.rig import bundled as data_folder
 from tests.bench_logs import EXACT, prescribed
 from tests.command_line import Run, refused, result
-from tests.identification.logs import record
+from tests.identification.logs import hold, record
 from tests.rigs import bundled
 
 SHIFT = (0.0042, 0.002, -0.001)
@@ -270,6 +271,49 @@ def test_camera_is_placed_relative_to_the_known_one(name: str, extra: float) -> 
         assert extra or stated.beside.shift.std[list(stated.beside.shift.axes)].max() < 1e-4
     assert np.abs(z).max() < 4
     assert np.sqrt(np.mean(np.square(z))) < 1.7
+
+
+def load_meeting(folder: Path, payload: str) -> Rig:
+    """Return the handheld gimbal with axes that meet to 0.1 mm, which hides the mass of a camera."""
+    text = (data_folder() / "handheld.urdf").read_text()
+    text = text.replace("-0.215 0.015 0.245", "-0.215 0 0.245")
+    path = folder / "meeting.urdf"
+    path.write_text(text.replace("0.245 0.105 -0.012", "0.215 0.105 0.0001"))
+    return Rig.load(path, payload)
+
+
+@pytest.mark.parametrize(("name", "still"), [("meeting", None), ("turret", 0), ("turret", 1)])
+def test_what_of_a_camera_does_not_show_leaves_its_place_at_each_mass(
+    name: str, still: int | None, tmp_path: Path
+) -> None:
+    """On a known gimbal, and by both cameras at once; a joint that stands still hides only what it hides."""
+    load = partial(load_meeting, tmp_path) if name == "meeting" else partial(bundled, name)
+    first, given = (load(payload) for payload in ("mirrorless", "zoom-lens"))
+    true = PayloadMass(HEAVIER).apply(shift(given))
+    log = record(true, 9, 10.0)
+    if still is not None:
+        log = hold(true, log, still, noisy=False)
+    rigs = {"mirrorless": first, "zoom-lens": given}
+    logs = {"mirrorless": [record(first, 0)], "zoom-lens": [log]}
+    known = find_alone(first, first, 0).model
+    mass = float(get_payload(true)[1].mass)
+    for found in (
+        identify_new(given, [log], known, filtering=EXACT),
+        identify_several(rigs, logs, filtering=EXACT),
+    ):
+        weighed, plain = (
+            replace(found, mass=one).payloads["zoom-lens"].apart for one in (mass, None)
+        )
+        assert weighed is not None and plain is not None
+        assert weighed.shift.axes[0]
+        assert np.abs(score_shift(weighed)).max() < 3
+        noted = any("does not show" in note for note in found.identified["zoom-lens"].notes)
+        assert noted == (still is not None)
+        if still is None:
+            assert not plain.found_mass
+            way = SHIFT - plain.per_mass * HEAVIER * plain.stated / mass
+            assert np.abs(score_shift(plain, way)).max() < 3
+            assert plain.shift.std.max() < 0.5e-3
 
 
 @pytest.mark.parametrize("off", ["nothing", "friction", "parameters"])
