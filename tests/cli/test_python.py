@@ -105,6 +105,17 @@ def test_names_and_words_do_as_lists_and_objects_in_any_order_of_the_joints() ->
     assert one.names == other.names
 
 
+def test_the_default_checks_the_data_as_the_command_line_does() -> None:
+    q = np.array(recorded().q)
+    q[::500] += 0.3
+    spiky = replace(recorded(), q=q)
+    found, asked = (
+        gp.identify(RIG, spiky, filtering=EXACT, **wish) for wish in ({}, {"examined": "noisy"})
+    )
+    assert found.bias is not None
+    assert found.faults == asked.faults != ()
+
+
 # --- Random numbers -----------------------------------------------------------------------------
 
 

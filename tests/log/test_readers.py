@@ -159,12 +159,16 @@ def test_measured_joint_states_come_before_commanded_ones(
     np.testing.assert_allclose(held(read.q_ref), swing(FEW + 0.1)[0], atol=1e-4)
 
 
-def test_joint_states_whose_efforts_are_nan_hold_no_torque(tmp_path: Path) -> None:
-    columns = log_columns(planted(FEW))
-    none = {name: x * np.nan if name[:4] == "tau_" else x for name, x in columns.items()}
-    write_bag(tmp_path / "bag", "sqlite3", {"/joint_states": none})
+@pytest.mark.parametrize("absent", [(), ("tau_",)])
+def test_joint_states_whose_efforts_are_nan_or_absent_hold_no_torque(
+    absent: tuple[str, ...], tmp_path: Path
+) -> None:
+    log = planted(FEW)
+    columns = {n: x * np.nan if n[:4] == "tau_" else x for n, x in log_columns(log).items()}
+    write_bag(tmp_path / "bag", "sqlite3", {"/joint_states": without(columns, *absent)})
     with pytest.raises(DataError, match="no torque"):
         read_log(tmp_path / "bag", TURRET)
+    np.testing.assert_array_equal(read_log(tmp_path / "bag", TURRET, need_tau=False).q, log.q)
 
 
 def test_a_type_of_ones_own_is_read_by_the_bags_definition(tmp_path: Path) -> None:

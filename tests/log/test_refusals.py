@@ -21,7 +21,7 @@ from gimbal_pin.log.io.csv import unzip
 from tests.command_line import Run, refused
 from tests.log import bombs
 from tests.log.planted import TURRET, planted
-from tests.log.test_text import HEADER, PLAIN, ROWS
+from tests.log.test_text import HEADER, PLAIN, ROSTOPIC, ROWS
 
 SOON = 15.0
 """Longest that a damaged file may take, s: a process and a library begin in less than one."""
@@ -42,6 +42,7 @@ FILES = [
     (f"{HEADER}\n0,0,1,1,2,2,3,3,4,4\n", ":2: .*10 values.*decimal commas"),
     (f"{HEADER}\n" + "1," * 2_500_000 + "1\n", ":2: has a line of 5 MB"),
     ("1," * 2_500_000 + "1\n", ":1: has a line of 5 MB"),
+    (ROSTOPIC.replace("tilt,pan", "pan,pan"), ":3: names the joints pan, pan"),
 ]
 """A file's text and how it is refused."""
 FLAWS = [
@@ -127,8 +128,10 @@ def test_what_is_no_motion_or_imu_is_refused(tmp_path: Path) -> None:
         read_motion(path, TURRET)
     with pytest.raises(LogError, match="no column gyro_base_x"):
         read_imu(path, TURRET, "base")
-    with pytest.raises(DataError, match="no torque"):
-        read_log(path, TURRET)
+    for text in (path.read_text(), ROSTOPIC.replace("3,4\n", ",\n").replace("8,7\n", ",\n")):
+        path.write_text(text)
+        with pytest.raises(DataError, match="no torque"):
+            read_log(path, TURRET)
     with pytest.raises(UsageError, match=r"suffix '\.xls'"):
         write_log(planted(), tmp_path / "x.xls")
     assert list(tmp_path.iterdir()) == [path]
