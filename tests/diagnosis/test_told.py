@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from gimbal_pin.diagnosis import (
     find_credible,
 )
 from gimbal_pin.dynamics import nominal
+from gimbal_pin.identification import Opinion, judge_joint
 from gimbal_pin.report import show_diagnosis, tables
 from gimbal_pin.report.summary import missed
 from tests.bench_logs import prescribed
@@ -68,9 +70,21 @@ def test_friction_that_is_told_is_the_refitted_models_where_it_is_positive_and_k
     for one, count in ((unsure, 3), (pushing, 2)):
         (note,) = describe_friction(replace(said.before, estimated=one), ())
         assert len(SIZE.findall(note)) == count
+    assert "tilt" not in " ".join(describe_friction(said.before, ("tilt",)))
 
 
 # one state
+
+
+def test_no_poor_or_degraded_fit_is_explained() -> None:
+    for fit, structured, lacks, worse in product(np.linspace(-50, 100, 61), *[(False, True)] * 3):
+        state = judge_joint(float(fit), 0.9, structured, lacks, worse)
+        if state in (Opinion.EXPLAINED, Opinion.NOISE_LEFT):
+            assert fit > 50 and not structured and not worse
+        assert state is not Opinion.EXPLAINED or fit > 90
+        assert state.is_open == (state in (Opinion.STRUCTURE_LEFT, Opinion.NOT_EXPLAINED))
+    for lost in ((np.nan, 0.9), (99.0, 0.0)):
+        assert judge_joint(*lost, True, True, True) is Opinion.NOT_JUDGED
 
 
 @pytest.mark.parametrize(
