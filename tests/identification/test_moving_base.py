@@ -18,13 +18,15 @@ from gimbal_pin.identification import given_beta, greatest_base_motion, identify
 from gimbal_pin.log import (
     BASE_MOTIONS,
     BaseMotion,
+    Imu,
     Log,
     Platform,
     read_log,
     write_motion,
 )
+from gimbal_pin.log.signals import lowpass, zero_phase
 from gimbal_pin.rig import GRAVITY
-from tests.bench_logs import EXACT, fourier, rows_of, true_theta
+from tests.bench_logs import EXACT, fourier, prescribed, rows_of, true_theta
 from tests.command_line import Run, refused
 from tests.identification.logs import carry, list_times, sway
 from tests.rigs import bundled
@@ -124,6 +126,25 @@ def test_motion_of_a_platform_is_found_and_without_its_imu_unknown() -> None:
     unseen = diagnose(RIG, [replace(log, imus={})], few)
     assert (unseen.verdict, unseen.findings) == ("unknown", ())
     assert unseen.unexplained == list(RIG.joints)
+
+
+@pytest.mark.parametrize("name", ["turret", "handheld"])
+def test_imu_of_the_base_is_asked_for_where_all_joints_are_disturbed(name: str) -> None:
+    """By slow torque that has nothing to do with the motion."""
+    rig = bundled(name)
+    log = prescribed(nominal(rig), seconds=20.0, torque_noise=5e-3, dt=4e-3)
+    white = np.random.default_rng(3).standard_normal(log.q.shape)
+    waves = zero_phase(white, lowpass(2.0, 1 / log.dt))
+    waves *= 0.5 * np.sqrt(np.mean(np.square(log.tau), axis=0)) / waves.std(axis=0)
+    first = np.arange(rig.n) == 0
+    moved, clean, touched = (replace(log, tau=log.tau + x * waves) for x in (1.0, 0.0, first))
+    still = Imu(np.zeros((len(log), 3)), np.tile([0.0, 0.0, GRAVITY], (len(log), 1)))
+    measured = replace(moved, imus={rig.base: still})
+    asked = [
+        any(f"gyro_{rig.base}_x" in said for said in identify(rig, [one], filtering=EXACT).warnings)
+        for one in (moved, clean, touched, measured)
+    ]
+    assert asked == [True, False, False, False]
 
 
 def test_simulate_moves_the_base_by_a_profile_or_a_log(run: Run, tmp_path: Path) -> None:

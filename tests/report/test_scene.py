@@ -13,12 +13,16 @@ import base64
 import io
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache, reduce
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
+from xml.sax.saxutils import quoteattr
 
+import lxml.html
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -36,6 +40,7 @@ from gimbal_pin.report.view.scene import scene
 from gimbal_pin.report.view.solids import Y_TO_Z, visuals
 from gimbal_pin.rig import Rig
 from tests.browsing import go, media, needs_browser, pause, until, visit
+from tests.report.records import EVIL
 from tests.rigs import bundled, spelled
 
 GHOST = "/meshcat/ghost"
@@ -323,6 +328,25 @@ def test_an_argument_that_cannot_be_used_is_refused_by_name(
     with pytest.raises(GimbalPinError, match=word):
         view.animate(lumped, **{"log": sweep(lumped), **more}, path=tmp_path / name)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_name_is_no_part_of_a_page(lumped: Rig) -> None:
+    """Of rig, joints, links, log and payload; the pages of a file and of a live view."""
+    text = re.sub(
+        r'(name|link)="([^"]*)"',
+        lambda found: f"{found[1]}={quoteattr(f'{found[2]} {EVIL}')}",
+        BARE.replace("EXTRA", LUMPED),
+    )
+    rig = replace(spelled(text), payload=EVIL)
+    with view.Live(rig) as live, urlopen(live.url) as answer:
+        served = answer.read().decode()
+    pages = (view.record(one, replace(sweep(one), name=one.title)) for one in (lumped, rig))
+    plain, evil, alive = (
+        Counter(str(one.tag) for one in lxml.html.fromstring(page).iter())
+        for page in (*pages, served)
+    )
+    assert evil == plain
+    assert alive["script"] == plain["script"]
 
 
 def test_without_chromium_pictures_say_what_to_install_and_html_works(
