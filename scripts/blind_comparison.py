@@ -1,7 +1,7 @@
-"""Two engines on the same logs: each figure's counts, the logs on which they differ, and a sign test on these.
+"""Comparison of two engines on the same logs: counts per figure, discordant logs, and a sign test on these.
 
-A figure is a property of one log's answer. Of two engines only the discordant logs tell anything; under the hypothesis
-that neither is better each of them is won with probability 1/2 (McNemar's exact test).
+A figure is a property that the answer on one log has or lacks. A log is discordant if only one engine's answer has it.
+If neither engine is better, each wins a discordant log with probability 1/2 (McNemar's exact test).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ Property = Callable[[Judged], bool]
 
 @dataclass(frozen=True)
 class Figure:
-    """A property of answers that is counted.
+    """Property of answers that is counted.
 
     Attributes:
-        name: What it says of a log.
-        scope: Whether a log counts.
-        holds: Whether an answer has the property.
+        name: Stratum and property, as the table prints them.
+        scope: Returns whether a log counts.
+        holds: Returns whether an answer has the property.
     """
 
     name: str
@@ -35,13 +35,13 @@ class Figure:
 
 @dataclass(frozen=True)
 class Pair:
-    """One figure of two engines.
+    """Counts of one figure for two engines.
 
     Attributes:
         name: What the figure says of a log.
         logs: Number of logs.
-        first: Logs on which it holds for the first engine.
-        second: The same for the second.
+        first: Number of logs on which it holds for the first engine.
+        second: Number of logs on which it holds for the second engine.
         won: Names of the logs on which it holds for the second alone.
         lost: Names of those on which it holds for the first alone.
     """
@@ -60,15 +60,15 @@ class Pair:
         return float(binomtest(len(self.won), discordant).pvalue) if discordant else 1.0
 
 
-def _of(stratum: str) -> Scope:
-    """Return the logs of a stratum whose effects are all visible."""
+def _select_visible(stratum: str) -> Scope:
+    """Return the condition that a log is of a stratum and all its effects are visible."""
     return lambda case: case.stratum == stratum and all(map(visible, case.causes))
 
 
-def _is_single(is_foreign: bool) -> Scope:
-    """Return the logs with one visible effect in a known or in a foreign form."""
-    seen = _of("single")
-    return lambda case: seen(case) and case.causes[0]["foreign"] is is_foreign
+def _select_single(is_foreign: bool) -> Scope:
+    """Return the condition that a log has one visible effect, in a known or in a foreign form."""
+    is_visible_single = _select_visible("single")
+    return lambda case: is_visible_single(case) and case.causes[0]["foreign"] is is_foreign
 
 
 def is_silent(case: Judged) -> bool:
@@ -84,19 +84,25 @@ def is_first_strictly_right(case: Judged) -> bool:
 
 def is_class_right(case: Judged) -> bool:
     """Return whether every ambiguous finding has a hidden cause in its class."""
-    unsure = [one for one in case.findings if one["status"] == "ambiguous"]
-    return all(any(tells(one, cause) for cause in case.causes) for one in unsure)
+    ambiguous = [finding for finding in case.findings if finding["status"] == "ambiguous"]
+    return all(any(tells(finding, cause) for cause in case.causes) for finding in ambiguous)
 
 
 FIGURES = (
     Figure("clean: silent", lambda case: case.stratum == "clean", is_silent),
     Figure("drive-like, clean: silent", lambda case: case.stratum == "drive-clean", is_silent),
-    Figure("known form: right or in the class", _is_single(False), first_right),
-    Figure("known form: first name right", _is_single(False), is_first_strictly_right),
-    Figure("foreign form: right or in the class", _is_single(True), first_right),
-    Figure("two effects: both found", _of("pair"), all_found),
-    Figure("outside the library: unknown", _of("outside"), lambda case: case.verdict == "unknown"),
-    Figure("drive-like, one cause: right or in the class", _of("drive-single"), first_right),
+    Figure("known form: right or in the class", _select_single(False), first_right),
+    Figure("known form: first name right", _select_single(False), is_first_strictly_right),
+    Figure("foreign form: right or in the class", _select_single(True), first_right),
+    Figure("two effects: both found", _select_visible("pair"), all_found),
+    Figure(
+        "outside the library: unknown",
+        _select_visible("outside"),
+        lambda case: case.verdict == "unknown",
+    ),
+    Figure(
+        "drive-like, one cause: right or in the class", _select_visible("drive-single"), first_right
+    ),
     Figure(
         "every log: nothing named wrongly", lambda case: True, lambda case: not named_wrong(case)
     ),
@@ -112,7 +118,7 @@ FIGURES = (
         lambda case: case.verdict not in ("refused", "error"),
     ),
 )
-"""What is compared. Of an effect that is less than three noise floors only wrong names count."""
+"""Figures of the comparison. Logs with an effect below three noise floors count for wrong names and refusals alone."""
 
 
 def compare(first: Mapping[str, Judged], second: Mapping[str, Judged]) -> list[Pair]:
@@ -143,8 +149,8 @@ def _compare_figure(
 
 
 def format_pairs(pairs: Iterable[Pair]) -> str:
-    """Return the figures as a Markdown table."""
-    frame = pd.DataFrame(
+    """Return the figures as a table of text, one line each."""
+    rows = [
         {
             "figure": pair.name,
             "logs": pair.logs,
@@ -155,11 +161,5 @@ def format_pairs(pairs: Iterable[Pair]) -> str:
             "p": f"{pair.p_value:.2g}",
         }
         for pair in pairs
-    )
-    return _to_markdown(frame)
-
-
-def _to_markdown(frame: pd.DataFrame) -> str:
-    """Return a table in Markdown."""
-    lines = [frame.columns.tolist(), ["---"] * frame.shape[1], *frame.astype(str).values.tolist()]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+    ]
+    return pd.DataFrame(rows).to_string(index=False)

@@ -108,8 +108,8 @@ def test_parameters_are_drawn_from_the_covariance() -> None:
     covariance = model.estimated.covariance[:count, :count]
     shares = changes / np.sqrt(np.diag(covariance))
     correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    np.testing.assert_allclose(shares.T @ shares, correlation, atol=1e-5)
-    np.testing.assert_allclose(shares[:count], shares[:count].T, atol=1e-5)
+    np.testing.assert_allclose(shares.T @ shares, correlation, atol=1e-6)
+    np.testing.assert_allclose(shares[:count], shares[:count].T, atol=1e-6)
 
 
 def test_a_payload_is_off_by_millimetres_and_a_share_of_its_mass() -> None:

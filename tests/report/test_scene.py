@@ -228,7 +228,7 @@ def test_frames_run_from_first_to_last_sample(lumped: Rig) -> None:
     page = view.record(lumped, sweep(lumped, 2.01), fps=10, speed=0.5)
     for _, _, times, values in keyframes(page):
         assert len(times) == len(values)
-        assert times[[0, 1, -1]] == pytest.approx([0, 0.1, 4.02], rel=1e-3)
+        assert times[[0, 1, -1]] == pytest.approx([0, 0.1, 4.02], rel=1e-6)
 
 
 def test_the_same_motion_gives_the_same_page_whatever_the_order_of_columns(lumped: Rig) -> None:
