@@ -41,7 +41,7 @@ INFLATING = """[...document.querySelectorAll('iframe[data-deflated]')].some(fram
 
 LOADING = """[...document.querySelectorAll('iframe')].some(frame => frame.checkVisibility()
   && (frame.contentDocument?.readyState !== 'complete' || frame.contentDocument.URL === 'about:blank'))"""
-"""Whether a visible frame still shows the empty page that stands there before its own."""
+"""Script: true while a visible frame still shows the empty document that precedes its page."""
 
 needs_browser = pytest.mark.skipif(
     bool(browser_missing()), reason=browser_missing() or "there is one"

@@ -126,7 +126,7 @@ def describe(plan, scene, effects, run, blur):
 
 
 def _cause(scene, blur, effect, hidden, run):
-    """What is true of one effect, by a run with it alone."""
+    """Return the truth of one effect, from a run with it alone."""
     rig = scene.rig
     world, ledger = run
     lost = (world.reference, ledger, scene.rate, effect.cause in TRUSTED)

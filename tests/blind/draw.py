@@ -143,7 +143,7 @@ def _variant(wanted, kinds):
 
 
 def _dress(rng, plan, wanted):
-    """The same hidden in a log as people have them."""
+    """Return the plan with the rig, the length and the habits of a log that people record."""
     kinds = [CATALOGUE[item.cause] for item in plan.hidden]
     needed = max([kind.needs_axes for kind in kinds], default=1)
     variant = _variant(wanted, kinds)

@@ -29,7 +29,7 @@ class BaseMotion:
         return [np.concatenate(parts) for parts in zip(*pieces)]
 
     def _few(self, t):
-        """The same at a few times."""
+        """Return value, first and second derivative at few enough times for the cache."""
         angle = self.omega * t[:, None, None] + self.phase
         wave = self.amplitude * np.sin(angle)
         slope = self.amplitude * self.omega * np.cos(angle)

@@ -61,7 +61,7 @@ def alike(name):
 
 
 def is_right(case, names, joint):
-    """Whether one of some look-alikes acts visibly at a joint (None: anywhere); None: neither right nor wrong.
+    """Return whether one of some look-alikes acts visibly at a joint, or None where that is neither right nor wrong.
 
     Left out are planted causes that are not visible there, faults that the log has by its sensors, what a form brings
     along, and *unknown* where a known cause acts in a foreign form: its rest is no library's. *unknown* is right where
@@ -90,7 +90,7 @@ def claims(case):
 
 
 def _is_listed(case, cause):
-    """Whether a diagnosis states any probability of a planted cause."""
+    """Return whether a diagnosis states any probability of a planted cause."""
     names = {"unknown"} if cause["outside"] else alike(cause["cause"])
     return any(
         said["cause"] in names and same_joint(said, cause) for said in case.diagnosis["causes"]

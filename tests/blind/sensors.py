@@ -43,8 +43,9 @@ class Sensors:
         return ["clock"] if self.jitter > 0.0 or self.lost > 0.0 else []
 
     def reader(self, world, samples, rng):
-        """What the controller sees: (sample, true q, true v) → encoder and rate readings; the noise is drawn
-        beforehand, the same for every run."""
+        """Return the controller's sensors: (sample, true q, true v) → encoder and rate readings.
+
+        The noise is drawn beforehand, alike for every run."""
         shape = (samples, world.joints)
         q_noise = (self.encoder_noise * rng.normal(size=shape)).tolist()
         v_noise = self.rate_noise * rng.normal(size=shape)
@@ -188,8 +189,10 @@ class DriveSensors:
         return [*(["clock"] if clock else []), *(["filtered-velocity"] if self.has_rate else [])]
 
     def reader(self, world, samples, rng):
-        """What the controller sees: (sample, true q, true v) → the encoder's angles and the rates that a second-order
-        tracking loop, damped by 0.8, or a filtered difference makes of them; called sample by sample, in order."""
+        """Return the controller's sensors: (sample, true q, true v) → encoder angles and rates.
+
+        A second-order tracking loop, damped by 0.8, or a filtered difference makes the rates. It is called sample by
+        sample, in order."""
         step = 2.0 * pi / 2**self.encoder_bits
         noise = self.encoder_noise * rng.normal(size=(samples, world.joints))
         period = world.seconds / samples
@@ -227,7 +230,7 @@ class DriveSensors:
 
 
 def control_rate(rate):
-    """What the controller runs at (Hz): the log's rate, or a multiple of a slow log's."""
+    """Return the controller's rate (Hz): the log's, or a multiple of a slow log's."""
     return rate * ceil(LOWEST_CONTROL_RATE / rate)
 
 

@@ -51,7 +51,7 @@ class Figure:
 
 
 def _range(bounds):
-    """What a figure must be, in words."""
+    """Return the range that a figure must lie in, as text."""
     if bounds is None:
         return ""
     low, high = (100.0 * bound for bound in bounds)
@@ -90,7 +90,7 @@ def _share(name, scores, must=None):
 
 
 def _says(word, cases):
-    """Whether the verdict on each case is this word."""
+    """Yield whether the verdict on each case is a word."""
     return (case.verdict == word for case in cases)
 
 

@@ -88,7 +88,7 @@ def residual(rig, shown, rate):
 
 
 def noise_of(rig, noisy, clean, rate):
-    """What sensor noise alone leaves of the true model's torque balance (N, n), and its share of the acceleration."""
+    """Return the torque balance of the true model by sensor noise alone (N, n), and its share of the acceleration."""
     left, a = residual(rig, noisy, rate)
     true_left, true_a = residual(rig, clean, rate)
     return left - true_left, rms(a - true_a) / np.maximum(rms(true_a), 1e-12)
@@ -116,8 +116,9 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Blur:
-    """What sensor noise does to each joint, (n,): torque balance (N m rms, smoothed) and share of the acceleration;
-    `noise`: its spectrum, where it is not white."""
+    """Effect of sensor noise on each joint, (n,): torque balance (N m rms, smoothed) and share of the acceleration.
+
+    `noise` is its spectrum where it is not white."""
 
     floor: Array
     acceleration: Array
@@ -134,8 +135,9 @@ def whitened(x, spectrum, rate):
 
 
 def size(effect, columns, spectrum, rate):
-    """What the columns (N, n, p) leave of the effect (N, n), N m at this rate (Hz), over the noise, each rms over the
-    band: (n,). Three is what stands clear, as in white noise."""
+    """Return the part of an effect (N, n) that columns (N, n, p) do not explain, over the noise, (n,).
+
+    Both are rms over the band, of torques in N m at a rate in Hz. From three on an effect counts as visible."""
     wanted = whitened(effect[:, :, None], spectrum, rate)[:, :, 0]
     used = independent(whitened(columns, spectrum, rate).reshape(wanted.size, -1))
     table = np.vstack([used.real, used.imag])

@@ -28,7 +28,7 @@ FEW = ("--plants", "2")
 
 
 def test_cutoff_and_alignment_count_together(run: Run, made: Path) -> None:
-    """What is left of a log in order is small, and told in mN m."""
+    """The residual of a sound log is small, and stated in mN m."""
     call = ("identify", *CINEMA, made / "log.csv", "--cutoff", 5, "--alignment")
     found, late = (result(run, *call, delay) for delay in (0.0, 0.05))
     assert late["train"]["torque_rmse"]["pan"] > 2 * found["train"]["torque_rmse"]["pan"]

@@ -1,4 +1,4 @@
-"""Whatever computes the units, in whatever order and however often it is stopped, one table."""
+"""Laws of the executor: one table, whatever runs the units, in any order and with any number of interruptions."""
 
 from __future__ import annotations
 

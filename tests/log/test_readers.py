@@ -255,7 +255,7 @@ def test_a_lerobot_data_set_is_one_log_with_pauses(
 
 
 def test_a_telemetry_log_of_mavlink_carries_the_platform(tmp_path: Path) -> None:
-    """What is whole of a damaged one: the gimbal's angles in radians, the IMU in single precision."""
+    """The messages of a damaged file that are whole: the gimbal's angles in radians, the IMU in single precision."""
     columns = log_columns(planted(FEW, has_imu=True))
     path = tmp_path / "flight.tlog"
     as_tlog(columns, path)

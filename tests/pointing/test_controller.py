@@ -49,7 +49,7 @@ def rest(controller: Controller, steps: int = 50) -> list[Measurement]:
 
 
 def test_a_file_keeps_all_of_a_controller(tmp_path: Path) -> None:
-    """The same torques before and after, with gains of its own; what a flight taught goes along."""
+    """Torques before and after are equal, with gains of its own; the forecast learned in flight is kept."""
     own = make().recipe
     law = tune(own.model, bandwidth_hz=3.0, robust=True).controller
     controller = Controller(replace(own, law=law))

@@ -51,7 +51,7 @@ SDF = f"""<sdf version="1.11"><model name="tree"><pose>1 2 3 0 0 1</pose>
 <inertial><pose>0 0.03 0.1 0 0 0.7</pose><mass>1</mass>{MOMENTS}</inertial></link>
 <joint name="jc" type="continuous"><pose>0 0 0 0 0 1.5707963267948966</pose><parent>b</parent><child>c</child>
 <axis><xyz>1 0 0</xyz></axis></joint></model></sdf>"""
-"""The same: the frame of b lies 0.1 m beside its joint, the frame of jc is turned in c."""
+"""The same rig in SDF: the frame of b lies 0.1 m beside its joint, the frame of jc is turned in c."""
 ARM = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
 <xacro:include filename="$(find arm)/parts.xacro"/></robot>"""
 PARTS = f"""<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="prefix" default="x"/>

@@ -107,7 +107,7 @@ class Effect:
 
     @cached_property
     def shape(self):
-        """What sets its form apart."""
+        """Constants or functions of its form."""
         return (self.known | self.foreign)[self.form]
 
     def plant(self, rig):

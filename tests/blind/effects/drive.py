@@ -1,4 +1,4 @@
-"""What drive and motor do between command and torque: lags, losses, limits, ripple, gain and bias."""
+"""Effects of drive and motor between command and torque: lags, losses, limits, ripple, gain and bias."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a model gets wrong of the whole rig: its payload, its encoders, a base that is tilted, soft or moves."""
+"""Effects of the whole rig that a model lacks: its payload, its encoders, a base that is tilted, soft or moves."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ class PlatformMotion(RigEffect):
 
 
 class UnmeasuredMotion(PlatformMotion):
-    """The same moving base, and nobody measured it; its forms are drawn twice, as known and as foreign ones."""
+    """Moving base that nobody measured; each form is drawn twice, as a known and as a foreign one."""
 
     cause = "unmeasured-platform-motion"
     foreign = PlatformMotion.known

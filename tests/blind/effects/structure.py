@@ -1,4 +1,4 @@
-"""What gives between motor and link, and what pulls across the joint: cable, flexibility, gaps, rotors, wind, hands."""
+"""Compliance between motor and link, and torques across the joint: cable, flexibility, gaps, rotors, wind, hands."""
 
 from __future__ import annotations
 
