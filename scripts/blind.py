@@ -194,7 +194,7 @@ def judge_folder(folder: Path, each: bool = False) -> None:
     """
     cases_of = judged_in(folder)
     rows = table.score(list(cases_of.values()))
-    if any("causes" in case.diagnosis for case in cases_of.values()):
+    if any(reliability.list_probabilities(case.diagnosis) for case in cases_of.values()):
         rows += reliability.as_figures(reliability.measure(cases_of.values()))
     print(table.text(rows))
     if each:

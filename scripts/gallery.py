@@ -161,9 +161,7 @@ def draw_diagnosed() -> Figure:
     plant = plant_with(
         gimbal_pin.nominal(rig), [parse_effect("cogging:pan:amplitude=0.03,harmonic=12", rig)]
     ).plant
-    return gimbal_pin.diagnose(
-        rig, [gimbal_pin.bench_run(plant, rng=0, seconds=25.0)], rng=0
-    ).plot()
+    return gimbal_pin.diagnose(rig, [gimbal_pin.bench_run(plant, rng=0, seconds=25.0)]).plot()
 
 
 def draw_swap() -> Figure:

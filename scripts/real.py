@@ -81,14 +81,11 @@ def run_missing(wanted: Sequence[Case], folder: Path, limit: float) -> None:
 
 
 def residual(outcome: Outcome) -> str:
-    """Return each joint's state of the residual, and its discrepancy where that is told."""
+    """Return each joint's state of the residual, and the variable that it depends on."""
     told = (outcome.result or {}).get("residual", {})
-    shares = {joint: one.get("discrepancy") for joint, one in told.items()}
-    each = (
-        f"{j} {one['state']}" + ("" if shares[j] is None else f" {shares[j]:.2f}")
-        for j, one in told.items()
+    return ", ".join(
+        f"{j} {one['state']} {one.get('over', '')}".rstrip() for j, one in told.items()
     )
-    return ", ".join(each)
 
 
 def table(outcomes: Outcomes) -> str:

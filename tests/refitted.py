@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from gimbal_pin.diagnosis import DIAGNOSIS_BAND
 from gimbal_pin.dynamics import Model, nominal
 from gimbal_pin.effects import Term
 from gimbal_pin.log import Log
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 
 RIG = Rig.load("turret")
-ALIGNED = replace(DIAGNOSIS_BAND, alignment=0.0)
+ALIGNED = Filtering(cutoff=12.0, smoothing=2.5, alignment=0.0)
 
 
 def record(

@@ -6,6 +6,7 @@ are Wilson's; honest probabilities are calibrated.
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from blind_comparison import compare
 from scipy.stats import binomtest
 
 from tests.blind import answers
-from tests.blind.judge import VISIBLE, judge
+from tests.blind.judge import VISIBLE, get_errors, judge
 from tests.blind.reliability import claims, measure
 from tests.blind.table import score, wilson
 
@@ -32,13 +33,13 @@ def find(cause: str, joint: str | None, size: float = 0.0, **more: Any) -> Json:
 
 def say(truth: Any, verdict: str, *findings: Json, left: float = 1.0) -> Json:
     """Return a diagnosis; `left` is what it leaves of the error above the noise, as a share."""
-    errors = {"baseline": 1.0, "extended": left}
+    errors = {"refitted": 1.0, "extended": left}
     floor = truth["noise_floor"]
     rmse = {
         stage: {"torque_rmse": {joint: (1.0 + 99.0 * share) * x for joint, x in floor.items()}}
         for stage, share in errors.items()
     }
-    return {"verdict": verdict, "findings": findings, **rmse}
+    return {"verdict": verdict, "findings": findings, "held_out": rmse}
 
 
 def answer_perfectly(truth: Any) -> Json:
@@ -64,6 +65,16 @@ def test_a_perfect_engine_loses_no_log_to_a_silent_one() -> None:
         assert (back.lost, back.won) == (forth.won, forth.lost)
         assert back.p_value == forth.p_value
     assert sum(len(pair.won) for pair in compare(silent, perfect)) > 0
+
+
+def test_errors_of_either_schema_are_stored_and_read() -> None:
+    cases = [case for case in answers.read(STORED).values() if case.findings]
+    assert cases
+    for case in cases:
+        errors = get_errors(case.diagnosis)
+        assert errors and errors.keys() <= {*case.truth["joints"]}
+        stored = json.loads(answers.encode_answer(case.diagnosis))
+        assert get_errors(stored) == errors
 
 
 RIGHT = ["first name right", "two effects"]
@@ -98,6 +109,7 @@ def make_truth(cause: str, fault: str = "", snr: float = 2 * VISIBLE, **more: An
 COGGING = make_truth("cogging")
 RIGHT_SIZE = find("cogging", "pan", 2.19)
 CLASS = find("delay", "pan", status="ambiguous") | {"class": ["cogging"]}
+UNCONFIRMED = find("cogging", "pan", status="unconfirmed")
 CLOCK = find("clock", None, status="data")
 FAINT = make_truth("cogging", snr=0.9 * VISIBLE)
 BIAS = make_truth("torque-bias", parameters={"bias": -2.0})
@@ -109,6 +121,8 @@ OPPOSITE = find("torque-bias", "pan", parameters={"bias": {"value": 2.0, "std": 
     [
         (make_truth(""), CLOCK, "false findings", 1.0),
         (make_truth("", "clock"), CLOCK, "false findings", 0.0),
+        (make_truth(""), UNCONFIRMED, "false findings", 0.0),
+        (COGGING, UNCONFIRMED, "first name right", 0.0),
         (COGGING, find("cogging", "tilt"), "named but wrong", 1.0),
         (COGGING, find("cogging", None), "named but wrong", 0.0),
         (COGGING, CLASS, "first name right", 1.0),
@@ -135,9 +149,12 @@ def test_bounds_are_wilsons(hits: int, count: int) -> None:
 
 
 def state(truth: Json, causes: list[str], probability: float) -> Any:
-    """Return a judged case that states a probability of some causes at "pan"."""
-    stated = [{"cause": name, "joint": "pan", "probability": probability} for name in causes]
-    return judge(truth, say(truth, "named") | {"causes": stated})
+    """Return a judged case that states a probability of some causes at "pan": of a finding and its rivals."""
+    first, *others = causes
+    rivals = [{"cause": name, "probability": probability} for name in others]
+    return judge(
+        truth, say(truth, "named", find(first, "pan", probability=probability, rivals=rivals))
+    )
 
 
 def test_honest_probabilities_are_calibrated_and_overconfident_ones_are_not() -> None:

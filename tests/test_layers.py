@@ -47,13 +47,7 @@ HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "scipy.io", "mes
 HEAVY |= {"h5py", "rosbags", "pyulog", "casadi", "serial", "mcap_ros2", "rerun"}
 LOOKED_AT = ("rig/brief", "gimbal_pin.report.pages")
 """The one import of a higher room, by whom and of what: `Record` asks how it looks when a person looks at it."""
-NAMELESS = (
-    "identification",
-    "dynamics/apply",
-    "dynamics/drive",
-    "dynamics/simulation",
-    "diagnosis",
-)
+NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simulation")
 """Verbs that know causes, but none of them by name."""
 
 OPENS_WITHOUT_A_NOUN_OR_VERB = re.compile(

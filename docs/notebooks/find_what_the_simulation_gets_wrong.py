@@ -28,7 +28,7 @@ log = gimbal_pin.bench_run(plant, rng=0, seconds=25.0)
 log
 
 # %%
-found = gimbal_pin.diagnose(rig, [log], rng=0)
+found = gimbal_pin.diagnose(rig, [log])
 found
 
 # %% [markdown]

@@ -157,7 +157,7 @@ class Fault:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds of a data finding; the figures of physical findings are null."""
-        physical = ("probability", "gain", "explained_share", "visible_fraction")
+        physical = ("probability", "gain", "explained_share")
         return {
             "cause": self.cause,
             "joint": self.joint,

@@ -22,7 +22,6 @@ def fleet(
     quick: bool = False,
     workers: opt.Workers = 0,
     scheduler: opt.Scheduler = None,
-    seed: opt.Seed = 0,
     json: opt.Json = None,
 ) -> None:
     """Compare many rigs' logs: units that deviate from the others, in which parameter, and since when.
@@ -41,7 +40,7 @@ def fleet(
 
     with open_executor(workers, scheduler) as executor:
         compared = compare_fleet(
-            logs, rig=rig, payload=payload, folder=output, reference=reference, quick=quick, seed=seed,
+            logs, rig=rig, payload=payload, folder=output, reference=reference, quick=quick,
             executor=executor, quiet=False,
         )  # fmt: skip
     page = replace(describe_record(compared), origin=origin)

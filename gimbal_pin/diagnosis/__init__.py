@@ -1,6 +1,6 @@
-"""What the simulation gets wrong, why, and how much is gained by knowing.
+"""Find what the simulation gets wrong, name the cause, and measure what knowing it gains.
 
-log → audit → refitted model → evidence in rows of unit noise → causes tried, composed and pruned → rivals → verdict
+prepare → rows → noise → search → rivals → held-out errors → verdict
 """
 
 import lazy_loader

@@ -17,7 +17,7 @@ DIAGNOSIS_FILES: dict[str, str] = {
     "next experiment": "next_experiment.csv",
     "report": "report.html",
 }
-"""What `write_diagnosis` writes → the file's name. The next experiment is the motion that parts what is ambiguous."""
+"""Content that `write_diagnosis` writes → name of the file. The next experiment separates what is ambiguous."""
 
 
 def list_writers(found: Diagnosis) -> dict[str, Callable[[Path], object]]:
@@ -33,14 +33,25 @@ def list_writers(found: Diagnosis) -> dict[str, Callable[[Path], object]]:
 
 
 def write_diagnosis(
-    found: Diagnosis, folder: str | Path, page: str, run: Mapping[str, object] | None = None
+    found: Diagnosis,
+    folder: str | Path,
+    page: str,
+    told: Mapping[str, object] | None = None,
+    run: Mapping[str, object] | None = None,
 ) -> tuple[Mapping[str, Path], tuple[str, ...]]:
-    """Write a diagnosis, its report `page` and what else there is of `DIAGNOSIS_FILES`; `run` is for `write_run`.
+    """Write a diagnosis, its report and what else there is of `DIAGNOSIS_FILES`.
+
+    Args:
+        found: The diagnosis.
+        folder: Where the files go.
+        page: The report, a page of HTML.
+        told: What JSON holds, with sentences; None: the numbers alone.
+        run: What `write_run` states of the run.
 
     Returns:
         What → path, and the notes of `write_run`.
     """
-    writers = list_writers(found) | {"diagnosis": partial(write_json, found.to_dict())}
+    writers = list_writers(found) | {"diagnosis": partial(write_json, told or found.to_dict())}
     writers["report"] = partial(atomic_write, content=page)
     notes = write_run(
         folder, {DIAGNOSIS_FILES[what]: write for what, write in writers.items()}, run or {}

@@ -1,142 +1,124 @@
-"""Every cause at every joint on the coarse grid of its shape parameters, with its columns."""
+"""Every candidate's whitened columns; those that read the model's torque are built anew where it changed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, get_magnitude, part_from_friction
-from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.score import batches
-from gimbal_pin.diagnosis.state import State, is_near, resize
-from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
-from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.diagnosis.candidates import (
+    LARGEST_RIPPLE,
+    Candidate,
+    compute_columns,
+    count_columns,
+    list_candidates,
+)
+from gimbal_pin.diagnosis.problem import Columns, Problem, Whitening
+from gimbal_pin.diagnosis.score import Pack, pack_columns
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.rig import Rig
-
-TRIAL = 1e-3
-"""Size of a rig's change in the library, rad."""
-STALE_CHANGE = 0.05
-"""Change of a torque, as a share, up to which a column of the coarse search is kept."""
-
-
-def list_candidates(evidence: Evidence, kinds: Mapping[str, type[Cause]]) -> list[Cause]:
-    """Every cause at every joint, on the coarse grid of its shape parameters, but those that the rig states."""
-    rig = evidence.rig
-    seen = evidence.seen
-    found: list[Cause] = []
-    for kind in kinds.values():
-        for joint, ranges in (
-            zip(rig.joints, seen) if kind.of_joint else ((rig.joints[0], seen[0]),)
-        ):
-            if not kind.is_stated(joint, rig):
-                found += kind.tried(joint, ranges)
-    return found
-
-
-def kept(cause: Cause) -> Cause:
-    """A cause as the library holds it: a change of the rig by its trial, however large the fit has made it."""
-    return resize(cause, TRIAL) if isinstance(cause, RigEffect) else cause
-
-
-class ColumnLibrary:
-    """Columns of the whole library, built once; those that read a torque again where it has changed by much.
-
-    Attributes:
-        rig: The rig.
-        causes: The candidates.
-        of_model: Whether a drive's signal acts on the model's torque instead of the measured one.
-        built: What was built, and from what.
-    """
-
-    def __init__(self, rig: Rig, causes: Sequence[Cause], of_model: bool = False) -> None:
-        """Remember what to build."""
-        self.rig, self.causes, self.of_model = rig, causes, of_model
-        self.built: dict[Cause, tuple[Read, Columns]] = {}
-
-    def whitened(self, old: Evidence, new: Evidence) -> ColumnLibrary:
-        """Return a library of columns that `old` has whitened, as `new` whitens them."""
-        found = ColumnLibrary(self.rig, self.causes, self.of_model)
-        every = list(self.built.items())
-        for batch in batches([columns for _, (_, columns) in every]):
-            some = [every[i] for i in batch]
-            together = np.concatenate([columns.own.T for _, (_, columns) in some]).T
-            rows = np.split(new.rewhiten(together, old, some[0][1][1].joint), len(batch), axis=-1)
-            for (cause, (read, columns)), own in zip(some, rows):
-                found.built[cause] = read, part_from_friction(new, replace(columns, own=own))
-        return found
-
-    def columns(self, state: State, place: str | None = None) -> list[Columns]:
-        """Columns at this state, of all causes or only of those at a joint and of the whole rig.
-
-        What was found to repeat with the angle is looked for at its overtones, too.
-        """
-        above = [
-            one for cause in state.causes if isinstance(cause, Harmonic) for one in cause.above()
-        ]
-        every = dict.fromkeys([*self.causes, *above])
-        here = [c for c in every if place is None or c.place == place or not c.of_joint]
-        taken = {kept(cause) for cause in state.causes}
-        return self.all_of([cause for cause in here if kept(cause) not in taken], state)
-
-    def of(self, cause: Cause, state: State) -> Columns:
-        """Columns of one cause."""
-        return self.all_of([cause], state)[0]
-
-    def all_of(self, causes: Sequence[Cause], state: State) -> list[Columns]:
-        """Columns of causes: as they were, if what they were built from is nearly as it was."""
-        reads: dict[tuple[str, str], Read] = {}
-        still: dict[tuple[Read, Read], bool] = {}
-        found = []
-        for cause in causes:
-            key = name_source(cause)
-            now = reads[key] if key in reads else reads.setdefault(key, self.read(key, state))
-            before, columns = self.built.get(cause, (now, None))
-            if (now, before) not in still:
-                still[now, before] = all(
-                    is_near(new, old, STALE_CHANGE) for new, old in zip(now.arrays, before.arrays)
-                )
-            if columns is None or not still[now, before]:
-                columns = state.columns(cause, state.torque if self.of_model else None)
-                self.built[cause] = now, columns
-            found.append(columns)
-        return found
-
-    def turns(self, state: State) -> Array:
-        """How far the rig is turned in the state by each of the library's changes of it, 0 where it is not by much."""
-        changes = {kept(change): get_magnitude(change) for change in state.stand.changes}
-        return np.array(
-            [changes.get(cause, 0.0) for cause in self.causes if isinstance(cause, RigEffect)]
-        )
-
-    def read(self, key: tuple[str, str], state: State) -> Read:
-        """What some causes' columns depend on besides the log; see `name_source`."""
-        what, place = key
-        if what in ("inertias", ""):
-            return Read([state.stand.rig.phi, self.turns(state)] if what else [])
-        j = self.rig.joint_index(place)
-        if what == "acting":
-            return Read([x[:, j] for x in (state.torque if self.of_model else state.acting)])
-        if what == "weight":
-            return Read([x[:, j] for x in (*state.load.borne, *state.load.weight)])
-        return Read([x[:, j] for x in state.torque])
 
 
 @dataclass(frozen=True, eq=False)
-class Read:
-    """What columns were built from besides the log, compared but once for all causes that read it."""
+class Shelf:
+    """Candidates at one joint and their columns.
 
-    arrays: list[Array]
+    Attributes:
+        candidates: The candidates.
+        joint: The joint.
+        pack: Their whitened columns.
+        torque: The joint's torque that they were built from, along all stretches.
+    """
+
+    candidates: tuple[Candidate, ...]
+    joint: int
+    pack: Pack
+    torque: Array
 
 
-def name_source(cause: Cause) -> tuple[str, str]:
-    """What a cause's columns depend on besides the log, and where: a torque at its joint, the inertias, or nothing."""
-    if isinstance(cause, Effect) and cause.weighed:
-        return "weight", cause.place
-    if isinstance(cause, RigEffect):
-        return "inertias", ""
-    if isinstance(cause, Effect) and not cause.loaded:
-        return "", ""
-    return "acting" if isinstance(cause, Signal) else "torque", cause.place
+def project_candidates(
+    problem: Problem, candidates: Sequence[Candidate], joint: int, torque: Sequence[Array]
+) -> Array:
+    """Return the rows of candidates at a joint, (N, all k); `torque`: the model's own, N m, (m, n) per stretch."""
+    stretches = problem.rows.stretches
+    signals = [
+        compute_columns(candidates, problem.sample(s, joint, torque[s]), part.dt)
+        for s, part in enumerate(stretches)
+    ]
+    return problem.rows.project(signals, joint)
+
+
+def build_joint_columns(problem: Problem, candidate: Candidate, torque: Sequence[Array]) -> Columns:
+    """Return the columns of one candidate at its joint."""
+    joint = candidate.joint
+    assert joint is not None
+    torques = tuple(
+        compute_columns([candidate], problem.sample(s, joint, torque[s]), part.dt)
+        for s, part in enumerate(problem.rows.stretches)
+    )
+    rows = {joint: problem.rows.project(torques, joint)}
+    return Columns(torques, rows, joint, precision=get_precision(problem, candidate))
+
+
+def get_precision(problem: Problem, candidate: Candidate) -> float:
+    """Return the prior precision of a candidate's coefficients.
+
+    Harmonics whose periods a short travel does not resolve would else take opposite values of any size.
+    """
+    if not candidate.is_harmonic or candidate.joint is None:
+        return 0.0
+    is_share = candidate.name == "torque-ripple"
+    size = LARGEST_RIPPLE if is_share else float(problem.torque_rms[candidate.joint])
+    return 1.0 / size**2
+
+
+def pack_candidates(
+    problem: Problem,
+    whitening: Whitening,
+    target: Array,
+    candidates: Sequence[Candidate],
+    joint: int,
+    torque: Sequence[Array],
+) -> Pack:
+    """Return the whitened columns of candidates at a joint; `target`: inner whitened torque, (N, n)."""
+    rows = project_candidates(problem, candidates, joint, torque)
+    white = whitening.apply(problem.rows, rows, joint)
+    widths = [count_columns(candidate) for candidate in candidates]
+    return pack_columns({joint: white}, widths, target, problem.rows.folds)
+
+
+def build_shelves(
+    problem: Problem, whitening: Whitening, target: Array, torque: Sequence[Array]
+) -> list[Shelf]:
+    """Return two shelves per joint: candidates that read the motion alone, and those that read the torque."""
+    shelves = list[Shelf]()
+    for j in problem.joints:
+        every = list_candidates(problem.rig, j, problem.ranges[j])
+        level = np.concatenate([x[:, j] for x in torque])
+        for reads in (False, True):
+            own = tuple(one for one in every if one.reads_torque is reads)
+            if own:
+                pack = pack_candidates(problem, whitening, target, own, j, torque)
+                shelves.append(Shelf(own, j, pack, level))
+    return shelves
+
+
+def renew_shelves(
+    problem: Problem,
+    whitening: Whitening,
+    target: Array,
+    shelves: Sequence[Shelf],
+    torque: Sequence[Array],
+) -> list[Shelf]:
+    """Return shelves whose columns are built from a model's torque, where that changed materially."""
+    renewed = list[Shelf]()
+    for shelf in shelves:
+        j = shelf.joint
+        level = np.concatenate([x[:, j] for x in torque])
+        change = float(np.linalg.norm(level - shelf.torque))
+        stale = problem.settings.stale_torque * float(np.linalg.norm(level))
+        if shelf.candidates[0].reads_torque and change > stale:
+            pack = pack_candidates(problem, whitening, target, shelf.candidates, j, torque)
+            shelf = replace(shelf, pack=pack, torque=level)
+        renewed.append(shelf)
+    return renewed

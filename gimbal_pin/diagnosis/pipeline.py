@@ -1,42 +1,40 @@
-"""Logs in, what the simulation gets wrong out."""
+"""Logs in, what the simulation gets wrong out: prepare → rows → noise and search → findings → held out → verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks import CheckedLog, Fault, check_log, compare_scales
-from gimbal_pin.checks.channel_assignment import check_assignment_of_logs, fit_beginning
-from gimbal_pin.checks.torque_time import find_shifted_torques, find_time_fault, report_shifts
-from gimbal_pin.diagnosis.agreement import find_disagreement
-from gimbal_pin.diagnosis.band import alternate_blocks, choose_band
-from gimbal_pin.diagnosis.counterfactual import add_sensor_findings
-from gimbal_pin.diagnosis.engine import Explained, explain
-from gimbal_pin.diagnosis.engine.alignment import retimed
-from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
-from gimbal_pin.diagnosis.findings import report_findings, report_unusable_logs
+from gimbal_pin.checks import compare_scales
+from gimbal_pin.diagnosis.answer import choose_verdict, list_findings
+from gimbal_pin.diagnosis.explanation import Explanation, choose_explanation
 from gimbal_pin.diagnosis.given_model import compare_given_model, state_payload_with_causes
-from gimbal_pin.diagnosis.result import Diagnosis
-from gimbal_pin.diagnosis.reversals import open_turns
-from gimbal_pin.diagnosis.state import Problem, solve_causes
-from gimbal_pin.dynamics.reduction import reduce_parameters
+from gimbal_pin.diagnosis.held_out import measure_held_out
+from gimbal_pin.diagnosis.model import build_model
+from gimbal_pin.diagnosis.planning import compute_detection_limits, list_untestable
+from gimbal_pin.diagnosis.prepare import (
+    PreparedLogs,
+    check_joints_move,
+    check_torque_moves_joints,
+    prepare_logs,
+    report_spoilt_logs,
+)
+from gimbal_pin.diagnosis.problem import SHIFT
+from gimbal_pin.diagnosis.rest import Rest, describe_rest
+from gimbal_pin.diagnosis.result import Candidate, Diagnosis, Finding, Residual, Slight
+from gimbal_pin.diagnosis.rows import build_rows
+from gimbal_pin.diagnosis.search import Solution
+from gimbal_pin.diagnosis.settings import SETTINGS, Settings
+from gimbal_pin.diagnosis.several import find_disagreement
+from gimbal_pin.diagnosis.uncertainty import compute_covariance
 from gimbal_pin.dynamics.threads import limit_to_one_thread
-from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
-from gimbal_pin.identification import greatest_base_motion, split_logs
-from gimbal_pin.identification.validation import LEAST_JUDGED_SHARE
-from gimbal_pin.log.io.columns import LEAST_TRAVEL, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
-from gimbal_pin.regression import Filtering, limit_cutoff, subsample_log
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.rig import Rig
-from gimbal_pin.rig.types import Rng
-
-DRIVEN = 5.0
-"""Least F by which the rigid model and friction must explain a joint's torque."""
 
 
 @limit_to_one_thread()
@@ -44,217 +42,151 @@ DRIVEN = 5.0
 def diagnose(
     rig: Rig,
     logs: Log | Sequence[Log],
-    causes: Mapping[str, type[Cause]] = CAUSES,
     *,
-    rng: Rng = None,
     holdout: str | None = None,
     filtering: Filtering | None = None,
     mass: float | None = None,
+    settings: Settings = SETTINGS,
 ) -> Diagnosis:
-    """Say what the refitted rigid model with Coulomb and viscous friction gets wrong, and why.
-
-    Long logs are subsampled, see `samples.subsample_log`; a note says how. The band is `band.choose_band` where no
-    filtering is given. `rng` has no effect: nothing is drawn at random.
-
-    Args and errors: as `diagnose_short_logs`; `logs`: one or several; `mass`: of the payload, kg, where it was weighed.
-    """
-    logs = [log.ordered(rig) for log in ([logs] if isinstance(logs, Log) else logs)]
-    shown = [subsample_log(log) for log in logs]
-    band = choose_band(rig, logs) if filtering is None else filtering
-    found = diagnose_short_logs(rig, [one.log for one in shown], causes, holdout, band)
-    filters = (
-        None
-        if filtering is None or filtering.alignment is None
-        else Filtering(alignment=filtering.alignment)
-    )
-    given = state_payload_with_causes(found, rig, logs, holdout, filters, mass)
-    notes = (*(one.note for one in shown if one.note), *found.notes)
-    return replace(found, given=given, notes=notes, data=tuple(logs))
-
-
-def diagnose_short_logs(
-    rig: Rig,
-    logs: Sequence[Log],
-    causes: Mapping[str, type[Cause]],
-    holdout: str | None,
-    filtering: Filtering,
-) -> Diagnosis:
-    """Diagnose logs of some minutes at most.
-
-    Everything is chosen and fitted on the training part; the held-out part is touched once, for the gain.
+    """Find what the refitted rigid model with dry and viscous friction gets wrong, and name the cause.
 
     Args:
         rig: The rig.
-        logs: Its logs.
-        causes: The causes to look for.
-        holdout: As in `identify`.
-        filtering: The band; its cutoff is the highest frequency looked at.
+        logs: One log or several, with torques.
+        holdout: Rows that only the shown errors are taken from: "last-third", "log:N" of several logs, or "none".
+            None: every fifth block of logs of 25 s and more.
+        filtering: Its cutoff is the highest frequency that is looked at, its alignment the known delay of the torque.
+            None: 12 Hz, a fifth of the sampling rate where that is less, or more where teeth are heard above.
+        mass: Mass of the payload where it was weighed, kg.
+        settings: Constants that decide what is found.
+
+    Returns:
+        Verdict, findings, extended model and held-out errors.
 
     Raises:
         DataError: The logs are too short, or a joint never moved.
-        LogError: A log lacks a joint of the rig.
+        LogError: A log lacks a joint of the rig, or torques.
     """
-    checked = [check_log(rig, log, filtering=filtering) for log in logs]
-    whole = holdout is None and len(logs) == 1  # its blocks are parted
-    mended = [one.log for one in checked]
-    train, test = (mended, ()) if whole else split_logs(mended, holdout, filtering)[:2]
-    fitted = {log.name for log in train}
-    checked = [one if one.log.name in fitted else one.judged_only() for one in checked]
-    reliable = all(one.is_reliable for one in checked)
-    shifts = [(log, find_shifted_torques(rig, log, filtering)) for log in mended]
-    late = next(
-        (fault for log, found in shifts if (fault := find_time_fault(log, found)) is not None), None
-    )
-    if late is not None or not all(one.is_usable for one in checked):
-        return report_unusable_logs(
-            rig, logs, checked if late is None else with_fault(checked, late), filtering
-        )
-    noticed = tuple(note for log, found in shifts for note in report_shifts(log, found))
+    given = [log.ordered(rig) for log in ([logs] if isinstance(logs, Log) else logs)]
+    prepared = prepare_logs(rig, given, filtering, settings)
+    if prepared.is_spoilt:
+        return report_spoilt_logs(rig, prepared, given)
     try:
-        said = diagnose_checked_logs(
-            rig, logs, causes, filtering, Parted(checked, train, test, whole)
-        )
+        timed = replace(prepared.filtering, smoothing=settings.smoothing)
+        rows = build_rows(rig, prepared.logs, timed.cutoff, settings, holdout, timed)
+        check_joints_move(rows, prepared)
+        explanation = choose_explanation(rig, rows, prepared.base, settings)
+        idle = check_torque_moves_joints(explanation, prepared)
     except DataError:
-        if reliable:
+        if prepared.is_reliable:
             raise
-        return report_unusable_logs(rig, logs, checked, filtering)
-    return replace(said, notes=(*said.notes, *noticed))
+        return report_spoilt_logs(rig, prepared, given)
+    disagreement = find_disagreement(explanation, prepared)
+    if disagreement is not None:
+        return report_spoilt_logs(rig, prepared.with_fault(disagreement), given)
+    diagnosis = describe_explanation(explanation, prepared)
+    diagnosis = replace(diagnosis, idle=idle, data=tuple(given))
+    diagnosis = compare_given_model(diagnosis, prepared)
+    payload = state_payload_with_causes(diagnosis, rig, given, holdout, filtering, mass)
+    return replace(diagnosis, given=payload)
 
 
-class Parted(NamedTuple):
-    """Checked logs, and what of them is fitted.
-
-    Attributes:
-        checked: Every log.
-        train: Logs, or parts of them, that are fitted.
-        test: What is reported on.
-        whole: Whether alternate blocks of the one log are parted instead.
-    """
-
-    checked: Sequence[CheckedLog]
-    train: Sequence[Log]
-    test: Sequence[Log]
-    whole: bool
-
-
-def diagnose_checked_logs(
-    rig: Rig,
-    logs: Sequence[Log],
-    causes: Mapping[str, type[Cause]],
-    filtering: Filtering,
-    parted: Parted,
-) -> Diagnosis:
-    """Diagnose logs that were checked and mended; arguments and errors as in `diagnose_short_logs`."""
-    checked, train, test, whole = parted
-    wholes = {one.log.name: one.log for one in checked}
-    evidence = gather(rig, train, filtering, wholes)
-    check_moved(evidence, train[0].name)
-    base = greatest_base_motion(rig, train)
-    beginning = fit_beginning(rig, train, base, limit_cutoff(Filtering(), train))
-    exchanged = check_assignment_of_logs(*beginning) if beginning else None
-    if exchanged is not None:
-        return report_unusable_logs(rig, logs, with_fault(checked, exchanged), filtering)
-    held = gather_for_judgement(rig, test, filtering, wholes) if test else evidence
-    if np.all(held.used < LEAST_JUDGED_SHARE):
-        raise DataError(
-            test[0].name,
-            "no joint moves where the gain is to be judged",
-            "give another --holdout",
-            rig.joints,
-        )
-    reduction = reduce_parameters(rig, base=base)
-    fitted = alternate_blocks(evidence, filtering)[0] if whole else evidence
-    if np.all(fitted.used < LEAST_JUDGED_SHARE):
-        what = "moves in hardly a sample of the part that is fitted to, by the filters' memory"
-        raise DataError(
-            train[0].name, what, "record longer, faster, or more samples a second", rig.joints
-        )
-    gliding = solve_causes(Problem.of(fitted, reduction), ())
-    evidence, held = (open_turns(one, gliding, filtering) for one in (evidence, held))
-    if whole:
-        evidence, held = alternate_blocks(evidence, filtering)
-    found = explain(evidence, reduction, of_refitted(causes), timed=filtering.alignment is None)
-    apart = find_disagreement(rig, [one.log for one in checked], filtering, found.final.causes)
-    if apart is not None:
-        return report_unusable_logs(rig, logs, with_fault(checked, apart), filtering)
-    idle = check_torque_moves_joints(found, find_joints_asked_to_rest(train))
-    resting = tuple(
-        f"{joint}: not excited, as its reference asks for rest: nothing is said of it"
-        for joint in idle
+def describe_explanation(explanation: Explanation, prepared: PreparedLogs) -> Diagnosis:
+    """Return the diagnosis of logs whose models are known."""
+    search = explanation.search
+    problem = search.problem
+    rig = problem.rig
+    scales = compare_scales(*prepared.beginning) if prepared.beginning else ()
+    findings = list_findings(explanation)
+    findings = [one for one in findings if not prepared.is_doubtful(one, scales)]
+    stated = [one for one in findings if one.is_stated]
+    told = {one.at for one in stated}
+    scales = tuple(one for one in scales if not told.issuperset(one.torques))
+    extended = keep_stated_causes(explanation, stated)
+    original = explanation.original
+    is_final = extended is explanation.found.final
+    rest = explanation.rest if is_final else tuple(describe_rest(search, extended))
+    verdict = choose_verdict(findings, explanation.rest)
+    if prepared.makes_physics_unreliable or (prepared.hides_inertia and not stated):
+        verdict = "data"
+    shifts = [extended.fit.theta[problem.get_own_columns(j).start + SHIFT] for j in problem.joints]
+    diagnosis = Diagnosis(
+        rig=rig.name,
+        logs=tuple(log.name for log in prepared.logs),
+        verdict=verdict,
+        before=build_model(original, explanation.refitted, (), explanation.refitted.fit.covariance),
+        after=build_model(problem, extended, stated, compute_covariance(search, extended)),
+        faults=prepared.faults,
+        notes=prepared.notes,
+        statements=tuple(one.sentence for one in scales),
+        findings=tuple(findings),
+        residual=describe_residuals(explanation, rest),
+        candidate=find_nearest_candidate(explanation) if verdict == "unknown" else None,
+        immaterial=list_immaterial(explanation),
+        untestable=list_untestable(explanation, findings),
+        detection_limit=compute_detection_limits(explanation),
+        alignment=dict(zip(rig.joints, np.array(shifts).tolist())),
+        held_out=measure_held_out(original, explanation.refitted, extended),
+        explanation=explanation,
+        altered=prepared.altered,
     )
-    held = retimed(held, found.alignment)
-    said = report_findings(found, held, checked, filtering)
-    scaled = compare_scales(*beginning) if beginning else ()
-    another = [joint for one in scaled for joint in one.torques]
-    findings = [
-        one for one in said.findings if not (one.cause == "torque-gain" and one.joint in another)
+    if verdict == "nothing" and (scales or diagnosis.unexplained):
+        return replace(diagnosis, verdict="unknown", candidate=find_nearest_candidate(explanation))
+    return diagnosis
+
+
+def keep_stated_causes(explanation: Explanation, stated: Sequence[Finding]) -> Solution:
+    """Return the final model without the causes of findings that are not stated."""
+    final = explanation.found.final
+    names = {(one.cause, one.joint) for one in stated}
+    joints = explanation.search.problem.rig.joints
+    kept = [
+        one
+        for one in final.accepted
+        if (one.name, one.place if one.place in joints else None) in names
     ]
-    statements = (*(one.sentence for one in scaled), *said.statements)
-    said = replace(said, statements=statements)
-    notes = (*said.notes, *resting, *(unjudged(held) if held is not evidence else ()))
-    said = replace(said, idle=idle, notes=notes, findings=tuple(findings))
-    state = said.state
-    assert state is not None
-    said = add_sensor_findings(said, checked, train, test, filtering)
-    return compare_given_model(said, state, causes)
+    if len(kept) == len(final.accepted):
+        return final
+    return explanation.search.solve(kept, final)
 
 
-def of_refitted(causes: Mapping[str, type[Cause]]) -> dict[str, type[Cause]]:
-    """Leave out what compares the given model with the data: the refitted one has taken that up."""
-    return {name: kind for name, kind in causes.items() if not kind.of_given_model}
+def describe_residuals(explanation: Explanation, rest: Sequence[Rest]) -> dict[str, Residual]:
+    """Return joint → what is left there; `rest`: of the extended model."""
+    search = explanation.search
+    floors = search.whitening.floor.tolist()
+    residuals = dict[str, Residual]()
+    for joint, left, floor in zip(search.problem.rig.joints, rest, floors):
+        over = left.groups[0] if left.groups and left.predictable > 0 else ""
+        state = "structured" if left.is_unknown else "noise"
+        residuals[joint] = Residual(state, left.left, floor, left.predictable, over)
+    return residuals
 
 
-def with_fault(checked: Sequence[CheckedLog], fault: Fault) -> list[CheckedLog]:
-    """Put a fault of all logs before those of the first."""
-    return [replace(checked[0], faults=(fault, *checked[0].faults)), *checked[1:]]
+def list_immaterial(explanation: Explanation) -> tuple[Slight, ...]:
+    """Return causes that gained clearly and explain less torque than matters."""
+    search = explanation.search
+    joints = search.problem.rig.joints
+    least = search.problem.settings.material_share
+    shares = dict[tuple[str, str | None], float]()
+    for one in explanation.found.rejected:
+        place = one.candidate.place if one.candidate.place in joints else None
+        if 0 < one.share < least:
+            key = one.candidate.name, place
+            shares[key] = max(one.share, shares.get(key, 0.0))
+    found = {(one.name, one.place) for one in explanation.found.final.accepted}
+    return tuple(Slight(*key, share) for key, share in shares.items() if key not in found)
 
 
-def unjudged(held: Evidence) -> list[str]:
-    """Say of which joints the held-out part shows nothing, so that no error there is one."""
-    dumb = [joint for joint, used in zip(held.rig.joints, held.used) if used < LEAST_JUDGED_SHARE]
-    what = "in the held-out part hardly a sample tells its direction: its errors before and after say nothing"
-    return [f"{', '.join(dumb)}: {what}; give another --holdout"] if dumb else []
-
-
-def check_moved(evidence: Evidence, name: str) -> None:
-    """Raise `DataError` if a joint never moved."""
-    joints = evidence.rig.joints
-    still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < LEAST_TRAVEL)
-    if still:
-        raise DataError(
-            name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still
-        )
-    dumb = tuple(joint for joint, used in zip(joints, evidence.used) if used < LEAST_JUDGED_SHARE)
-    if dumb:
-        what = "so slow, or turning round so often, that hardly a sample tells its direction"
-        raise DataError(name, what, "move faster; of a loop that swings, lower its gains", dumb)
-
-
-def check_torque_moves_joints(found: Explained, resting: Collection[int]) -> tuple[str, ...]:
-    """Return the joints at rest whose torque is noise; raise `DataError` if another joint's torque is.
-
-    Of a joint whose reference asks for rest that is no wonder.
-
-    ``F = (explained / parameters) / (left / rows)`` of a fit to that joint alone: noise gives one, any rig hundreds.
-    Where a function of the state predicts what is left, it is not noise, but unknown.
-    """
-    now = found.first.fit
-    evidence = found.first.problem.evidence
-    dumb = list[str]()
-    for j, joint in enumerate(evidence.rig.joints):
-        columns = now.stack[now.rows(j)]
-        torque = now.target[now.rows(j)]
-        columns = columns[:, np.any(columns != 0, axis=0)]
-        left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-10)[0]
-        rest = max(float(left @ left), 1e-300) / max(evidence.rows * float(evidence.used[j]), 1.0)
-        explained = (float(torque @ torque) - float(left @ left)) / max(columns.shape[1], 1)
-        if explained < DRIVEN * rest and not found.structured[j]:
-            dumb.append(joint)
-    idle = tuple(evidence.rig.joints[j] for j in resting if evidence.rig.joints[j] in dumb)
-    if len(dumb) > len(idle):
-        what, mend = (
-            "their torque has nothing to do with the motion of",
-            "check the torque's column, sign and time",
-        )
-        raise DataError("the logs", what, mend, tuple(joint for joint in dumb if joint not in idle))
-    return idle
+def find_nearest_candidate(explanation: Explanation) -> Candidate | None:
+    """Return the cause beside the final model that gains most; None: none gains anything."""
+    search = explanation.search
+    final = explanation.found.final
+    hits = [hit for hit in search.screen(final, explanation.found.shelves) if hit.gain > 0]
+    if not hits:
+        return None
+    best = max(hits, key=lambda hit: hit.gain)
+    torque = search.measure_torque(final, best) / search.problem.torque_rms
+    joints = search.problem.rig.joints
+    place = best.candidate.place if best.candidate.place in joints else None
+    share = float(torque.max() if place is None else torque[joints.index(place)])
+    return Candidate(best.candidate.name, place, best.gain, share)

@@ -1,60 +1,59 @@
 """Which causes a log of a motion would show, from which size on, and what each would be taken for.
 
-A cause of size a adds ``a X_g u`` to the torque of a log with nothing else in it. Columns X_h are expected to lower its
-weighted sum of squares by ``a² uᵀ K_gh K_hh⁺ K_hg u``, where K are the inner products of what the rigid model leaves of
-all whitened columns. So one matrix says for every size whether `diagnose` finds the cause, and which others explain as
-much.
+Every cause is planted on the nominal rig's log of the motion. What the model without causes leaves of its torque says
+from which size `diagnose` finds it, and what other causes leave of that, from which size it alone is named.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from itertools import islice
-from typing import Any, ClassVar, Literal, NamedTuple
+from math import inf, log
+from typing import Any, ClassVar
 
 import numpy as np
-from scipy.special import logit
-from tqdm import tqdm
 
-from gimbal_pin.checks.torque_time import LARGEST_SHIFT
-from gimbal_pin.diagnosis.band import alternate_blocks, choose_band
-from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.engine.alignment import project_slope
-from gimbal_pin.diagnosis.engine.criterion import compare_with_form_error, rows
-from gimbal_pin.diagnosis.engine.selection import PROMISE, REFITTED_CANDIDATES, Search
-from gimbal_pin.diagnosis.evidence import gather
-from gimbal_pin.diagnosis.fit import Fit, project
-from gimbal_pin.diagnosis.library import ColumnLibrary, list_candidates
-from gimbal_pin.diagnosis.pipeline import check_moved, of_refitted
-from gimbal_pin.diagnosis.probability import LUCKY, SURE, foresee_log_odds
-from gimbal_pin.diagnosis.result import get_joint
-from gimbal_pin.diagnosis.score import (
-    HIDDEN,
-    batches,
-    fitting,
-    products,
-    share,
-    visibility,
-    weigh_together,
+from gimbal_pin.diagnosis.candidates import DRIVES, RESONANCE_SHARE, Candidate, count_columns
+from gimbal_pin.diagnosis.explanation import Explanation, search_rows
+from gimbal_pin.diagnosis.interpret import build_physical
+from gimbal_pin.diagnosis.planning import (
+    NINETEEN_OF_TWENTY,
+    Group,
+    compute_power,
+    compute_size,
+    compute_sure_gain,
+    list_groups,
+    measure_left,
+    whiten_torque,
 )
-from gimbal_pin.diagnosis.shapes import form, free
-from gimbal_pin.diagnosis.state import Problem, State, resize, solve_causes
+from gimbal_pin.diagnosis.rows import build_rows, choose_band
+from gimbal_pin.diagnosis.score import BlockFit
+from gimbal_pin.diagnosis.search import LEAST_LEFT, Hit, Search, Solution
+from gimbal_pin.diagnosis.settings import SETTINGS, Settings
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.threads import limit_to_one_thread
-from gimbal_pin.effects import CAUSES, Cause, Effect, RigEffect, Sample, Signal
+from gimbal_pin.effects import CAUSES, Cause, Effect, RigEffect, Term
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import DataError
 from gimbal_pin.excitation import record_log
+from gimbal_pin.log.io.columns import LEAST_TRAVEL
 from gimbal_pin.log.log import Array, Motion
-from gimbal_pin.regression import FORM_ERROR, subsample_log
+from gimbal_pin.regression import subsample_log
 from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
-WEAK = "the motion shows it only at sizes that no rig has, or that stop the motor within the joint's limits"
+PLANTED_HARMONICS = 8
+"""Harmonics of a cause that are planted, of all that are looked for."""
+LARGEST_SHARE = 1.0
+"""Largest torque of a cause that a rig may have, as a share of its joint's largest."""
+SOFTEST = 1.01 * RESONANCE_SHARE[0]
+"""Share of a joint's torque behind its spring that is planted at least: less is no spring that is looked for."""
+WEAK = "the motion shows it only at sizes that no rig has"
+STILL = "the motion holds the joint still"
+COMMANDED = "it acts on the controller's command, which a motion does not hold"
 
 
 @dataclass(frozen=True)
@@ -67,10 +66,10 @@ class CauseAt:
 
 @dataclass(frozen=True)
 class Size:
-    """How large a cause is.
+    """Size of a cause.
 
     Attributes:
-        parameter: Name of the figure that says so.
+        parameter: Name of the figure that states it.
         value: Its value.
         unit: Its unit.
         share_of_torque: Torque that it adds over the joint's, rms over rms.
@@ -92,11 +91,11 @@ class Rehearsed(CauseAt):
 
     Attributes:
         forms: Forms that were planted.
-        shown: How many of them a log shows at a size that a rig may have.
+        shown: Number of them that a log shows at a size that a rig may have.
         seen_from: Size from which it, or what it is taken for, is found; of the median of these forms. None: none is.
         named_from: Size from which it alone is named; None: from none on.
-        confused_with: What it may be taken for at `seen_from`, or, if it is never named, at any size; nearest first.
-        why: Why no log of the motion shows it; None where one does.
+        confused_with: Causes that it may be taken for at `seen_from`, or, if it is never named, at any size.
+        why: Reason why no log of the motion shows it; None where one does.
     """
 
     forms: int = 0
@@ -109,7 +108,7 @@ class Rehearsed(CauseAt):
 
 @dataclass(frozen=True, eq=False)
 class Rehearsal(Record):
-    """What a log of a motion would show.
+    """Result of `rehearse`.
 
     Attributes:
         rig: The rig's name.
@@ -129,339 +128,216 @@ class Rehearsal(Record):
         return {"schema": 1, **asdict(self)}
 
 
-class _Planted(NamedTuple):
-    """A form of a cause and what is expected of it.
-
-    Attributes:
-        cause: It, with its shape parameters.
-        direction: Its coefficients where its size is one, (c,).
-        rest: What the model leaves of its torque then, (rows n,).
-        share: Torque that it then adds over the joint's.
-        largest: Largest size that a rig may have.
-        seen: Size from which it is found.
-        named: Size from which it is told from all others.
-        alike: What it is taken for at `seen`, or, where it is never named, at any size.
-    """
-
-    cause: Cause
-    direction: Array
-    rest: Array
-    share: float
-    largest: float
-    seen: float
-    named: float = np.inf
-    alike: tuple[CauseAt, ...] = ()
-
-
-def describe_size(one: _Planted, size: float, rig: Rig) -> Size:
-    """Return a size in the units of its joint: the first of its figures that it changes."""
-    cause = one.cause
-    values = tuple((size * one.direction).tolist())
-    if isinstance(cause, RigEffect):
-        cause = resize(cause, values[0])
-    given, none = (values, (0.0,) * len(values)) if isinstance(cause, Effect) else ((), ())
-    shown = cause.shown(given)
-    changed = [
-        figure for figure, other in zip(shown, cause.shown(none)) if figure.value != other.value
-    ]
-    figure = next(iter(changed or (figure for figure in shown if figure.value)))
-    unit, said = (rig.in_units(cause.place, x) for x in (figure.unit, cause.sentence(given)))
-    return Size(figure.name, figure.value, unit, size * one.share, said, write_effect(cause, shown))
-
-
-def write_effect(cause: Cause, shown: Sequence[Parameter]) -> str:
-    """Return a cause with these figures as a person states it: ``cogging:yaw:amplitude=0.03,harmonic=42``."""
-    values = {field.name: getattr(cause, field.name) for field in fields(cause)} | {
-        p.name: p.value for p in shown
-    }
-    stated = [p for p in cause.stated() if p.name in values and values[p.name] != p.value]
-    pairs = ",".join(f"{p.name}={float(values[p.name]):.6g}" for p in stated)
-    return f"{cause.name}:{f'{cause.place}:' if cause.of_joint else ''}{pairs}"
-
-
 @limit_to_one_thread()
 @check_arguments
 def rehearse(
     rig: Rig,
     motion: Motion,
-    causes: Mapping[str, type[Cause]] = CAUSES,
     *,
     still: Collection[str] = (),
     torque_noise: float = 0.01,
     rng: Rng = None,
+    settings: Settings = SETTINGS,
 ) -> Rehearsal:
-    """Say which causes `diagnose` would find in a log of a motion, from which size on, and what it would take them for.
+    """Compute which causes `diagnose` would find in a log of a motion, from which size on, and as which.
 
     Causes that compare the given model with the data are left out: the refitted model takes them up.
 
     Args:
         rig: The rig, its encoders and gyros.
         motion: The motion, of the rig's joints.
-        causes: The causes to plant and to look for.
         still: Joints that the motion holds still, and that are fixed in the rig.
         torque_noise: White noise on the reported torque, as a share of each joint's torque rms.
         rng: Source of the sensors' noise, or its seed; None: a fresh one.
+        settings: Constants of the diagnosis.
 
     Raises:
         DataError: The motion is too short to judge, or does not move a joint.
     """
-    log = subsample_log(record_log(nominal(rig), motion, torque_noise, make_generator(rng)[0])).log
-    band = replace(choose_band(rig, [log]), alignment=0.0)
-    evidence = alternate_blocks(gather(rig, [log], band), band)[0]
-    check_moved(evidence, "the motion")
-    kinds = of_refitted(causes)
-    library = ColumnLibrary(rig, list_candidates(evidence, kinds), of_model=True)
-    search = Search.among(Problem.of(evidence, reduce_parameters(rig)), library)
-    state = solve_causes(search.problem, ())
-    bar = tqdm(library.causes, "rehearsal", unit="cause", disable=None, leave=False, delay=2)
-    columns = [library.of(cause, state) for cause in bar]
-    of_joints = [
-        (joint, name, kind) for joint in rig.joints for name, kind in kinds.items() if kind.of_joint
+    idle = tuple(x for x, q in zip(rig.joints, motion.q.T) if np.ptp(q) < LEAST_TRAVEL)
+    if idle:
+        mend = "move every joint: see 'gimbal-pin excite'"
+        raise DataError("the motion", "shows nothing of", mend, idle)
+    log = record_log(nominal(rig), motion, torque_noise, make_generator(rng)[0])
+    log = subsample_log(log).log
+    rows = build_rows(rig, [log], choose_band([log], settings), settings)
+    upright = [None] * len(rows.stretches)
+    explanation = search_rows(rig, rows, "fixed", upright, settings)
+    groups = list_groups(explanation)
+    kinds = [kind for kind in CAUSES.values() if not kind.of_given_model]
+    causes = [
+        _rehearse_cause(explanation, groups, kind, place)
+        for place in (*rig.joints, "rig")
+        for kind in kinds
+        if kind.of_joint == (place != "rig") and not kind.is_stated(place, rig)
     ]
-    places = [
-        CauseAt(name, joint) for joint, name, kind in of_joints if not kind.is_stated(joint, rig)
-    ]
-    places += [CauseAt(name, None) for name, kind in kinds.items() if not kind.of_joint]
-    grids: dict[CauseAt, list[Columns]] = {at: [] for at in places}
-    for one in columns:
-        grids[get_place(one.cause)].append(one)
-    planted = [
-        plant_cause(search, state, one) for grid in grids.values() for one in pick_forms(grid)
-    ]
-    gains = explain_planted(
-        state.fit, np.stack([one.seen * one.rest for one in planted], axis=1), columns
-    )
-    told = [compare_cause(search, state, *pair, columns) for pair in zip(planted, gains)]
-    found = [
-        summarize_forms(at, kinds[at.cause], [x for x in told if get_place(x.cause) == at], rig)
-        for at in places
-    ]
-    idle = "the motion holds the joint still"
-    found += [
-        Rehearsed(name, at, why=idle)
-        for at in still
-        for name, kind in kinds.items()
-        if kind.of_joint
-    ]
-    return Rehearsal(rig.name, float(motion.t[-1] - motion.t[0]), tuple(found))
+    of_joints = [kind.name for kind in kinds if kind.of_joint]
+    causes += [Rehearsed(name, joint, why=STILL) for joint in still for name in of_joints]
+    return Rehearsal(rig.name, float(motion.t[-1] - motion.t[0]), tuple(causes))
 
 
-def get_place(cause: Cause) -> CauseAt:
-    """Return where a cause is."""
-    return CauseAt(cause.name, get_joint(cause))
+@dataclass(frozen=True, eq=False)
+class _Planted:
+    """A form of a cause and what is expected of it.
 
-
-def pick_forms(grid: Sequence[Columns], tones: int = 8) -> list[Columns]:
-    """Return what is planted of a cause's grid: its plainest form, which grids begin with; of harmonics so many."""
-    if grid and grid[0].cause.pieces:
-        every = np.array([one.cause.pieces[0] for one in grid])
-        nearest = np.argmin(
-            np.abs(every - np.geomspace(every[0], every[-1], tones)[:, None]), axis=1
-        )
-        return [grid[k] for k in np.unique(nearest).tolist()]
-    return [one for one in grid if form(one.cause) == form(grid[0].cause)]
-
-
-def plant_cause(search: Search, state: State, one: Columns) -> _Planted:
-    """Return a cause with the size from which it is found.
-
-    `diagnose` asks that the criterion falls by the threshold, without the block that tells most as well, and by more
-    than an error of the model's form.
+    Attributes:
+        candidate: The form.
+        direction: Its coefficients where its size is one, (c,).
+        fit: The model without causes, fitted to its torque at that size.
+        share: Torque that it then adds over the joint's, rms over rms.
+        peak: The same of the largest torques, near standstill as well.
+        seen: Size from which it is found.
     """
-    now = state.fit
-    evidence = state.problem.evidence
-    count = rows(state)
-    cause = one.cause
-    rest = project(now, one.own, one.joint)
-    u = pick_direction(cause, rest)
-    felt = rest = rest @ u
-    if (
-        isinstance(cause, Signal) and cause.linear
-    ):  # a delay of up to `LARGEST_SHIFT` is taken for the log's own
-        late = min(cause.late(evidence.parts[0].dt), LARGEST_SHIFT)
-        felt = rest - late * project_slope(state, evidence.rig.joint_index(cause.joint))
-    blocks = now.by_block(felt[:, None] ** 2)[:, 0]
-    many = count.sum() if one.joint is None else count[one.joint]
-    asked = many * np.expm1((search.threshold + free(cause) * np.log(count.max())) / many)
-    outside = felt.reshape(-1, len(now.scale)) / now.scale
-    torque = evidence.whiten_all(state.torque)
-    form_error = compare_with_form_error(
-        evidence, outside, 0 * outside, [(FORM_ERROR, torque)]
-    ).max()
-    told = np.array([blocks.sum(), blocks.sum() - blocks.max(), form_error])
-    # D² - 2 z D = fall: deviations of the noise from which a sum of squares falls by so much in 19 of 20 logs.
-    far = np.append(LUCKY + np.sqrt(LUCKY**2 + np.array([asked, search.threshold])), 1.0)
-    seen = float(np.max(far / np.sqrt(np.maximum(told, 1e-300))))
-    power = float(
-        np.linalg.norm(one.own @ u)
-        / np.linalg.norm(torque if one.joint is None else torque[:, one.joint])
-    )
-    largest = (
-        find_largest(one, u, evidence.rig, power) if visibility(now, [one])[0] >= HIDDEN else 0.0
-    )
-    return _Planted(cause, u, rest, power, largest, seen)
+
+    candidate: Candidate
+    direction: Array
+    fit: BlockFit
+    share: float
+    peak: float
+    seen: float
+
+    def is_possible(self, size: float) -> bool:
+        """Return whether a rig may have it at a size."""
+        is_small = size * self.peak <= LARGEST_SHARE
+        return is_small and self.candidate.is_admissible(size * self.direction, np.zeros(0))
+
+    def find_size(self, gain: float, power: float) -> float:
+        """Return the size from which a power at size one is expected to gain so many nats."""
+        rows = self.fit.rows.sum(axis=0)
+        joint = self.candidate.joint
+        return compute_size(gain, power, float(rows.sum() if joint is None else rows[joint]))
 
 
-def compare_cause(
-    search: Search, state: State, one: _Planted, gains: Array, columns: Sequence[Columns]
-) -> _Planted:
-    """Return a planted cause with the size from which it is named, and what it is taken for.
-
-    As in `selection.find_rivals`, by the best of each place that promises anything at the size from which it is found.
-
-    Args:
-        search: The candidates.
-        state: The rigid model.
-        one: The cause.
-        gains: What each candidate gains on it, (k,).
-        columns: The candidates' columns.
-    """
-    cause = one.cause
-    own = get_place(one.cause)
-    best = dict[CauseAt, Columns]()
-    for k in np.argsort(-gains).tolist():
-        if gains[k] >= PROMISE * search.threshold and (place := get_place(columns[k].cause)) != own:
-            best.setdefault(place, columns[k])
-    evidence = state.problem.evidence
-    cost = float(np.log(rows(state).max()))
-    needed = {
-        place: find_size_apart(state.fit, one.rest, rival, cost * (free(cause) - free(rival.cause)))
-        for place, rival in islice(best.items(), REFITTED_CANDIDATES)
-    }
-    seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
-    needed |= {CauseAt(name, own.joint): np.inf for name in cause.blurred(seen)}
-    named = max([one.seen, *needed.values()])
-    limit = one.seen if named <= one.largest else one.largest
-    return one._replace(
-        named=named, alike=tuple(place for place, size in needed.items() if size > limit)
-    )
-
-
-def explain_planted(now: Fit, planted: Array, columns: Sequence[Columns]) -> Array:
-    """Return what each candidate, within its bounds, explains of torques that the model leaves, (rows n, t): (t, k)."""
-    found = np.zeros((planted.shape[1], len(columns)))
-    for batch in batches(columns):
-        some = [columns[k] for k in batch]
-        joint = some[0].joint
-        c = some[0].width
-        S = weigh_together(now, some)
-        whole = products(S, c)
-        gram = whole - products(now.along(S, joint), c)
-        s = (planted[now.rows(joint)].T @ S).reshape(len(found), -1, c)
-        own = fitting(gram, s)
-        lower, upper = (
-            np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in some))
-        )
-        possible = np.all((own >= lower) & (own <= upper), axis=2)
-        possible &= share(gram, whole) * np.array([one.bulk for one in some]) >= HIDDEN
-        found[:, batch] = np.where(possible, np.sum(own * s, axis=2), 0.0)
-    return found
-
-
-def pick_direction(cause: Cause, rest: Array) -> Array:
-    """Return the coefficients to plant: the first that a person states; of a harmonic the phase that shows least."""
-    if isinstance(cause, Harmonic):
-        return np.linalg.eigh(rest.T @ rest)[1][:, 0]
-    names = [c.name for c in cause.coefficients] if isinstance(cause, Effect) else []
-    stated = [names.index(p.name) for p in cause.stated() if p.name in names]
-    return np.eye(rest.shape[1])[stated[0] if stated else 0]
-
-
-def find_largest(columns: Columns, u: Array, rig: Rig, power: float) -> float:
-    """Return the largest size of a cause that a rig may have.
-
-    It takes no more than all of the joint's torque, is within the bounds of its coefficients, and at the joint's limits
-    of angle, at rest and at its limit of rate, no more than the motor gives.
-    """
-    cause = columns.cause
-    if isinstance(cause, Signal):
-        return 1.0
-    with np.errstate(divide="ignore"):
-        most = [1.0 / power, *(columns.upper[u > 0] / u[u > 0])]
-    if isinstance(cause, Effect):
-        limit = rig.limits[j := rig.joint_index(cause.joint)]
-        tau = float(rig.tau_max[j])
-        corners = ((q, v) for q in (limit.lower, limit.upper) for v in (0.0, limit.velocity))
-        inside = (
-            Sample(0.0, q, v, 0.0, 1.0, tau) for q, v in corners if np.isfinite([q, v, tau]).all()
-        )
-        loads = [abs(float(np.array([float(x) for x in cause.basis(at)]) @ u)) for at in inside]
-        most += [tau / load for load in loads if load > 0]
-    return float(min(most))
-
-
-def find_size_apart(now: Fit, torque: Array, rival: Columns, fall: float) -> float:
-    """Return the size from which a torque, (rows n,), is told from a rival, with a probability of `SURE`.
-
-    `fall`: by how much the criterion is lower with the rival where both explain as much.
-    """
-    from scipy.optimize import brentq
-
-    other = project(now, rival.own, rival.joint)
-    left = torque - other @ np.linalg.lstsq(other, torque, rcond=1e-10)[0]
-    power = now.by_block(left[:, None] ** 2)[:, 0]
-    total = max(float(power.sum()), 1e-300)
-
-    def compute_lack(far: float) -> float:
-        """Log odds short of `SURE` where it lies so many deviations of the noise from what the rival explains."""
-        return float(logit(SURE)) - foresee_log_odds(far**2 / total * power, -fall / 2)
-
-    nearest, farthest = 1e-3, 1e6
-    if compute_lack(farthest) > 0:
-        return float("inf")
-    apart = brentq(compute_lack, nearest, farthest) if compute_lack(nearest) > 0 else nearest
-    return float(apart / np.sqrt(total))
-
-
-def summarize_forms(
-    place: CauseAt, kind: type[Cause], told: Sequence[_Planted], rig: Rig
+def _rehearse_cause(
+    explanation: Explanation, groups: Sequence[Group], kind: type[Cause], place: str
 ) -> Rehearsed:
-    """Return what is said of a cause at its place: of the form that is the median of those that show."""
-    families: dict[tuple[object, ...], list[_Planted]] = {}
-    for one in sorted(told, key=lambda one: one.share):
-        key = [
-            getattr(one.cause, field.name)
-            for field in fields(one.cause)
-            if field.name != get_size_name(one.cause)
-        ]
-        families.setdefault(tuple(key), []).append(one)
-    edges = [
-        [find_edge(family, "seen"), find_edge(family, "named")] for family in families.values()
-    ]
-    shown = [
-        (
-            describe_size(seen, seen.seen, rig),
-            named and describe_size(named, named.named, rig),
-            seen.alike,
-        )
-        for seen, named in edges
-        if seen is not None
-    ]
+    """Return what a log shows of a cause at a place: of the form that is the median of those that show."""
+    rig = explanation.search.problem.rig
+    joint = None if place == "rig" else place
+    if not issubclass(kind, Effect | RigEffect) and kind.name not in DRIVES:
+        return Rehearsed(kind.name, joint, why=COMMANDED)
+    forms = _pick_forms(explanation.found.first, groups, kind.name, place)
+    planted = [_plant(explanation, form) for form, remaining in forms if remaining >= LEAST_LEFT]
+    shown = [one for one in planted if one.is_possible(one.seen)]
     if not shown:
-        why = kind.hidden if all(one.largest == 0 for one in told) else WEAK
-        return Rehearsed(place.cause, place.joint, len(families), why=why)
-    middle = sorted(shown, key=lambda one: one[0].share_of_torque)[(len(shown) - 1) // 2]
-    return Rehearsed(place.cause, place.joint, len(families), len(shown), *middle)
+        why = WEAK if planted else kind.hidden
+        return Rehearsed(kind.name, joint, len(forms), why=why)
+    one = sorted(shown, key=lambda one: one.seen * one.share)[(len(shown) - 1) // 2]
+    needed = _measure_rivals(explanation.search, groups, one)
+    size = max([one.seen, *needed.values()])
+    named = _describe_size(one, size, rig) if one.is_possible(size) else None
+    alike = [
+        x for x in needed if needed[x] > one.seen and (named or not one.is_possible(needed[x]))
+    ]
+    alike = sorted(alike, key=lambda x: -needed[x])
+    seen = _describe_size(one, one.seen, rig)
+    return Rehearsed(kind.name, joint, len(forms), len(shown), seen, named, tuple(alike))
 
 
-def get_size_name(cause: Cause) -> str:
-    """Return the field that is a cause's size: of a drive its first shape parameter; of what is linear none."""
-    return cause.shapes[0].name if isinstance(cause, Signal) else ""
+def _pick_forms(
+    first: Solution, groups: Sequence[Group], name: str, place: str
+) -> list[tuple[Candidate, float]]:
+    """Return what is planted of a cause, with the share that the model does not explain.
 
-
-def find_edge(family: Sequence[_Planted], what: Literal["seen", "named"]) -> _Planted | None:
-    """Return the first of a cause's forms, the weakest first, that shows at the size it needs; None where none does.
-
-    A drive's needs a size of one: it is moved, between its form and the next weaker, to where that is so.
+    It is every shape of its plainest formula, with which a grid begins, or some of its harmonics.
     """
-    needed = [float(getattr(one, what)) for one in family]
-    k = next((k for k, one in enumerate(family) if needed[k] <= one.largest), None)
-    if k is None or not (name := get_size_name(family[k].cause)):
-        return None if k is None else family[k]
-    one = family[k]
-    before = min(needed[k - 1], 1e9) if k else 1.0
-    if before > max(needed[k], 1.0):
-        sizes = [np.log(getattr(x.cause, name)) for x in (one, family[k - 1])]
-        at = float(np.exp(np.interp(0.0, np.log([needed[k], before]), sizes)))
-        one = one._replace(cause=one.cause.altered(**{name: at}), share=one.share * needed[k])
-    return one._replace(seen=1.0, named=1.0)
+    forms = list[tuple[Candidate, float]]()
+    for candidates, pack in groups:
+        if any((one.name, one.place) == (name, place) for one in candidates):
+            shares = first.fit.measure(pack).remaining.tolist()
+            forms += [x for x in zip(candidates, shares) if x[0].name == name]
+    if forms and isinstance(forms[0][0].cause, Harmonic):
+        picked = np.geomspace(1, len(forms), PLANTED_HARMONICS).round().astype(int) - 1
+        return [forms[k] for k in np.unique(picked)]
+    return [x for x in forms if _get_form(x[0].cause) == _get_form(forms[0][0].cause)]
+
+
+def _get_form(cause: Cause) -> list[object]:
+    """Return the fields of a cause that no person states: they choose its formula."""
+    stated = {one.name for one in cause.stated()}
+    return [getattr(cause, field.name) for field in fields(cause) if field.name not in stated]
+
+
+def _plant(explanation: Explanation, candidate: Candidate) -> _Planted:
+    """Return a form of a cause with the size from which it is found."""
+    search = explanation.search
+    problem = search.problem
+    settings = problem.settings
+    solution = explanation.found.first
+    columns = search.build_columns(candidate, solution.torque, solution.fit.theta)
+    cause = candidate.cause
+    names = [x.name for x in cause.coefficients] if isinstance(cause, Effect) else []
+    stated = [names.index(x.name) for x in cause.stated() if x.name in names]
+    direction = np.eye(columns.width)[stated[0] if stated else 0]
+    if candidate.joint is None:
+        direction = -direction  # an offset and a turn have the other sign than what they move
+    rows = {j: x @ direction for j, x in columns.rows.items()}
+    fit = solution.fit.refit(whiten_torque(search, rows))
+    covariance = np.zeros((columns.width, columns.width))
+    hit = Hit(candidate, 0.0, np.zeros(2), direction, covariance)
+    beside = search.measure_torque(solution, hit) / problem.torque_rms
+    none = np.zeros(len(problem.rows.inner))
+    whole = np.stack([rows.get(j, none) for j in problem.joints], axis=1)
+    share = problem.compute_rms(whole[problem.rows.inner]) / problem.torque_rms
+    levels = np.array([one.peak for one in problem.ranges])
+    level = levels if candidate.joint is None else levels[candidate.joint]
+    peak = max(float(np.max(np.abs(x @ direction) / level)) for x in columns.torques)
+    planted = _Planted(candidate, direction, fit, float(share.max()), peak, 0.0)
+    gain = compute_sure_gain(settings.gain_nats - candidate.log_prior, search.least_deviations)
+    power = compute_power(fit)
+    # The fitted torque, whose size is known to one over the root of its power, must be material.
+    least = settings.material_share / float(beside.max()) + NINETEEN_OF_TWENTY / np.sqrt(power)
+    bound = SOFTEST if candidate.name in DRIVES else 0.0
+    seen = float(max(planted.find_size(gain, power), least, bound))
+    return replace(planted, seen=seen)
+
+
+def _measure_rivals(search: Search, groups: Sequence[Group], one: _Planted) -> dict[CauseAt, float]:
+    """Return the other causes that may stand for a planted one → size from which it is told from each."""
+    problem = search.problem
+    settings = problem.settings
+    own = one.candidate
+    needed = dict[CauseAt, float]()
+    for candidates, pack in groups:
+        if None not in (own.joint, candidates[0].joint) and own.joint != candidates[0].joint:
+            continue
+        left, gains = measure_left(one.fit, pack)
+        for k in np.argsort(left).tolist():
+            rival = candidates[k]
+            place = CauseAt(rival.name, rival.place if rival.place != "rig" else None)
+            values = one.seen * gains.coefficients[k, : count_columns(rival)]
+            is_told = gains.remaining[k] < LEAST_LEFT or rival.is_same(own) or place in needed
+            if is_told or not rival.is_admissible(values, np.zeros(0)):
+                continue
+            odds = rival.log_prior - own.log_prior - log(settings.rival_probability)
+            gain = compute_sure_gain(max(settings.kept_nats, odds), search.count_deviations(1))
+            needed[place] = one.find_size(gain, float(left[k]))
+    if own.joint is not None:
+        blurred = own.cause.blurred(problem.ranges[own.joint])
+        needed |= {CauseAt(name, own.place): inf for name in blurred}
+    return needed
+
+
+def _describe_size(one: _Planted, size: float, rig: Rig) -> Size:
+    """Return a size in the units of its joint: the first of the cause's figures that it changes."""
+    values = (size * one.direction).tolist()
+    physical = build_physical(one.candidate.cause, values, rig)
+    cause, given = (physical.effect, values) if isinstance(physical, Term) else (physical, [])
+    shown = cause.shown(given)
+    without = one.candidate.cause.shown([0.0] * len(given))
+    changed = [x for x, other in zip(shown, without) if x.value != other.value]
+    figure = next(iter(changed), shown[0])
+    unit = rig.in_units(cause.place, figure.unit)
+    sentence = rig.in_units(cause.place, cause.sentence(given))
+    share = size * one.share
+    return Size(figure.name, figure.value, unit, share, sentence, _write_effect(cause, shown))
+
+
+def _write_effect(cause: Cause, shown: Sequence[Parameter]) -> str:
+    """Return a cause with these figures as a person states it: ``cogging:yaw:amplitude=0.03,harmonic=42``."""
+    values = {field.name: getattr(cause, field.name) for field in fields(cause)}
+    values |= {one.name: one.value for one in shown}
+    stated = [x for x in cause.stated() if x.name in values and values[x.name] != x.value]
+    pairs = ",".join(f"{x.name}={float(values[x.name]):.6g}" for x in stated)
+    place = f"{cause.place}:" if cause.of_joint else ""
+    return f"{cause.name}:{place}{pairs}"

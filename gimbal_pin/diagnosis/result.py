@@ -1,24 +1,19 @@
-"""What `diagnose` says: findings, what was left, and what the log could not show."""
+"""Result of a diagnosis: findings, what is left, and the errors of the models before and after."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from math import exp
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
 from gimbal_pin.checks import Alteration, Fault, describe_parameters, list_alterations
-from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.parting import NextExperiment
-from gimbal_pin.diagnosis.probability import LISTED, SURE, moderate
-from gimbal_pin.diagnosis.state import State
+from gimbal_pin.diagnosis.explanation import Explanation
+from gimbal_pin.diagnosis.held_out import HeldOut
+from gimbal_pin.diagnosis.planning import NextExperiment, Untestable
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.effects import Cause
+from gimbal_pin.effects import Cause, Term
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.errors import digits
 from gimbal_pin.identification import PayloadStatement
 from gimbal_pin.identification.model_file import write_extended
 from gimbal_pin.identification.validation import Opinion, is_degraded, judge_joint
@@ -26,189 +21,77 @@ from gimbal_pin.log.log import Log
 from gimbal_pin.rig.brief import Record, brief
 
 MEASURED_CAUSE = "platform-motion"
-"""The cause that a sensor measures, so that every model has it that is made of such a log."""
-ONLY_TOGETHER = "only together; other sizes fit this log as well"
-"""What holds of figures none of which the log tells by itself."""
-
-
-@dataclass(frozen=True)
-class Curve:
-    """What no cause explains, as a table with what is known of it.
-
-    Attributes:
-        over: "angle", "rate" or "load".
-        knots: rad, rad/s or N m.
-        torque: N m at each.
-        std: Its standard deviation.
-        acts: Ranges over which the torque is told from zero, to the knots beside them.
-    """
-
-    over: str
-    knots: tuple[float, ...]
-    torque: tuple[float, ...]
-    std: tuple[float, ...]
-    acts: tuple[tuple[float, float], ...]
-
-
-@dataclass(frozen=True)
-class Residual:
-    """What is left at one joint after all findings.
-
-    Attributes:
-        state: "noise" or "structured".
-        noise_floor: What the noise alone leaves, N m rms.
-        dispersion: Residual power over noise power.
-        discrepancy: Structured power left over that before any finding, 0 for noise.
-        where: Where the structure is, or "".
-        curve: What of it the extended model carries as a table; None: nothing.
-    """
-
-    state: str
-    noise_floor: float
-    dispersion: float
-    discrepancy: float = 0.0
-    where: str = ""
-    curve: Curve | None = None
+"""Cause that a sensor measures: `identify` has it as well, given a log with that sensor."""
 
 
 @dataclass(frozen=True)
 class Rival:
-    """Another cause that was fitted in a finding's place.
+    """Another cause that was fitted in place of a finding.
 
     Attributes:
         cause: Its name.
-        delta: Log-likelihood of the finding less that of the rival.
-        z: The same over its standard deviation by blocks (Vuong 1989).
-        joint: Where it would sit; None for a cause of the whole rig.
+        nats: Gain by which it predicts worse than the finding.
+        std: Standard error of that, nats.
+        probability: Its probability among the finding and all rivals.
     """
 
     cause: str
-    delta: float
-    z: float
-    joint: str | None = None
-
-    @property
-    def log_odds(self) -> float:
-        """How likely it is beside the finding, nats."""
-        return -moderate(self.delta, self.delta / self.z) if self.z else 0.0
+    nats: float
+    std: float
+    probability: float
 
 
-def get_joint(cause: Cause) -> str | None:
-    """Return where a cause sits; None for one of the whole rig."""
-    return cause.place if cause.of_joint else None
-
-
-def list_nearest(name: str, rivals: Iterable[Rival]) -> tuple[Rival, ...]:
-    """Return the most probable rival of each name but a finding's own, in that order."""
-    every = sorted(rivals, key=lambda one: -one.log_odds)
-    best = {one.cause: one for one in reversed(every)}
-    return tuple(one for one in every if one.cause != name and one is best[one.cause])
-
-
-def find_credible(name: str, rivals: Iterable[Rival]) -> list[str]:
-    """Return the fewest causes that hold a probability of `SURE` together, a finding's name first."""
-    every = sorted(rivals, key=lambda one: -one.log_odds)
-    held = np.cumsum([1.0, *np.exp([one.log_odds for one in every])])
-    return [name, *(one.cause for one, before in zip(every, held) if before < SURE * held[-1])]
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Finding:
-    """One cause that the data show.
+    """A cause that the data show.
 
     Attributes:
-        cause: Its name.
-        joint: Where it sits; None for a cause of the whole rig.
-        parameters: Its figures with standard deviations.
-        gain: Held-out torque and rollout errors without and with it, at its joint.
-        false_alarm: Bound on the probability that a log without it shows as much, by the test that found it.
-        sentence: All of it for a person.
-        experiment: What would part it from its rivals.
-        rivals: The nearest other causes.
-        blurred: Causes that no log of its range tells from it.
-        visible_fraction: Share of its column that the rigid model and friction do not explain.
+        cause: Name of the cause.
+        joint: Its joint; None: the whole rig.
+        status: "named"; "ambiguous": others predict equally well; "unconfirmed": it explains too little of what is
+            predictable at its joint to be stated as the cause, and is not in the extended model.
+        alike: Names of the causes that this log cannot tell from it, itself first.
+        probability: Its probability among itself and all rivals.
+        parameters: Its sizes with standard deviations.
+        nats: Held-out gain, nats.
+        std: Standard error of the gain, nats.
+        at: Joint whose torque error is stated: its own, or the one that it changes most.
+        before: Held-out torque error there without it, N m rms.
+        after: The same with it.
+        share: Share of the predictable error power at that joint that it explains.
+        rivals: The best form of every other cause there, the nearest first.
+        physical: Term or cause that the extended model holds; None: nothing.
     """
 
     cause: str
     joint: str | None
+    status: str
+    alike: tuple[str, ...]
+    probability: float
     parameters: tuple[Parameter, ...]
-    gain: Mapping[str, float]
-    false_alarm: float
-    sentence: str
-    experiment: str = ""
+    nats: float
+    std: float
+    at: str
+    before: float
+    after: float
+    share: float
     rivals: tuple[Rival, ...] = ()
-    blurred: tuple[str, ...] = ()
-    visible_fraction: float = 1.0
+    physical: Term | Cause | None = None
 
     __repr__ = brief
 
     @property
-    def explained_share(self) -> float:
-        """``1 - a²/b²``: share of its joint's held-out error power without it, b², that it removes."""
-        return (
-            1.0
-            - (self.gain["torque_rmse_after"] / max(self.gain["torque_rmse_before"], 1e-300)) ** 2
-        )
-
-    @property
-    def alike(self) -> tuple[str, ...]:
-        """Every cause that this log cannot tell from it, itself first."""
-        return tuple(dict.fromkeys((*find_credible(self.cause, self.rivals), *self.blurred)))
-
-    @property
-    def status(self) -> str:
-        """Whether it is "named", or "ambiguous" as others are alike."""
-        return "ambiguous" if len(self.alike) > 1 else "named"
+    def is_stated(self) -> bool:
+        """True if it is stated as a cause, alone or with others."""
+        return self.status != "unconfirmed"
 
     @property
     def sized(self) -> tuple[Parameter, ...]:
-        """Figures that have a deviation."""
+        """Parameters that have a standard deviation."""
         return tuple(p for p in self.parameters if p.std == p.std)
 
-    @property
-    def unsized(self) -> tuple[Parameter, ...]:
-        """Figures of which other sizes fit as well, and only together: all of them where none has a deviation."""
-        return self.parameters if self.cause != MEASURED_CAUSE and not self.sized else ()
-
-    @property
-    def probabilities(self) -> tuple[tuple[str, str | None, float], ...]:
-        """How probable it is that each cause is there: cause, joint and probability, the finding's own first.
-
-        Of all that were fitted in its place, times `LISTED`: what is there may have a form that nobody fitted. What no
-        log of this range tells from it shares its probability.
-        """
-        credible = find_credible(self.cause, self.rivals)
-        own = [self.cause, *(name for name in self.alike if name not in credible)]
-        odds = [(name, self.joint, 1.0 / len(own)) for name in own]
-        odds += [
-            (one.cause, one.joint, exp(one.log_odds)) for one in self.rivals if one.cause not in own
-        ]
-        share = LISTED * (1.0 - self.false_alarm) / sum(each for *_, each in odds)
-        return tuple((name, joint, share * each) for name, joint, each in odds)
-
-    @property
-    def probability(self) -> float:
-        """How probable it is that the cause is there."""
-        return self.probabilities[0][2]
-
-    def tell_from(self, name: str) -> Rival:
-        """Return what the logs tell of it and a cause of its class: nothing where no log of their range can."""
-        likely = find_credible(self.cause, self.rivals)
-        return next(
-            (one for one in self.rivals if one.cause == name in likely), Rival(name, 0.0, 0.0)
-        )
-
-    @property
-    def open(self) -> str:
-        """What else it may be, and how probably, in a sentence; nothing where it is named."""
-        chances = {
-            name: f" ({digits(100 * chance, 2)} %)" for name, _, chance in self.probabilities
-        }
-        others = ", ".join(f"{name}{chances.get(name, '')}" for name in self.alike[1:])
-        return f"this log cannot tell it from {others}" if others else ""
-
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds."""
+        """Return the finding as JSON holds it; sentences are added by the command line."""
         return {
             "cause": self.cause,
             "joint": self.joint,
@@ -216,39 +99,52 @@ class Finding:
             "class": list(self.alike),
             "probability": self.probability,
             "parameters": describe_parameters(self.parameters),
-            "gain": dict(self.gain),
-            "explained_share": self.explained_share,
-            "visible_fraction": self.visible_fraction,
+            "gain": {
+                "nats": self.nats,
+                "std": self.std,
+                "joint": self.at,
+                "torque_rmse_before": self.before,
+                "torque_rmse_after": self.after,
+            },
+            "explained_share": self.share,
             "rivals": [asdict(rival) for rival in self.rivals],
-            "sentence": self.sentence,
-            "next_experiment": self.experiment if self.open else None,
         }
 
 
 @dataclass(frozen=True)
+class Residual:
+    """Torque that is left at a joint after all findings.
+
+    Attributes:
+        state: "noise", or "structured" where too much of it is predictable.
+        left: Held-out torque error, N m rms.
+        noise_floor: What no function of motion and load predicts, N m rms.
+        predictable: What the best flexible model predicts of `left`, N m rms.
+        over: What it depends on, as a group of functions; "": nothing.
+    """
+
+    state: str
+    left: float
+    noise_floor: float
+    predictable: float
+    over: str = ""
+
+
+@dataclass(frozen=True)
 class Candidate:
-    """A cause that was not accepted.
+    """The cause that comes nearest where none was accepted.
 
     Attributes:
         cause: Its name.
-        joint: Where it sits, or None.
-        at: The joint whose torque it changes most.
-        before: Held-out torque error there without it, N m rms.
-        after: The same with it.
+        joint: Its joint; None: the whole rig.
+        nats: Its held-out gain, nats.
+        share: Torque that it explains, as a share of its joint's.
     """
 
     cause: str
     joint: str | None
-    at: str
-    before: float
-    after: float
-
-    @property
-    def sentence(self) -> str:
-        """State its held-out gain."""
-        change = 100 * (self.after / self.before - 1)
-        errors = f"{digits(self.before, 2)} → {digits(self.after, 2)} N m ({change:+.0f} %)"
-        return f"{self.cause} at {self.joint or 'the rig'} comes nearest: held-out torque error of {self.at} {errors}"
+    nats: float
+    share: float
 
 
 @dataclass(frozen=True)
@@ -257,8 +153,8 @@ class Slight:
 
     Attributes:
         cause: Its name.
-        joint: Where it sits, or None.
-        share: What of the joint's torque it explains, rms over rms.
+        joint: Its joint; None: the whole rig.
+        share: Torque that it explains, as a share of its joint's, rms over rms.
     """
 
     cause: str
@@ -266,63 +162,43 @@ class Slight:
     share: float
 
 
-@dataclass(frozen=True)
-class Untestable:
-    """A cause that this log cannot show.
-
-    Attributes:
-        cause: Its name.
-        joint: Where it would sit, or None.
-        why: One clause.
-    """
-
-    cause: str
-    joint: str | None
-    why: str
-
-
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Record):
-    """The result of `diagnose`.
+    """Result of `diagnose`.
 
     Attributes:
-        rig: The rig's name.
+        rig: Name of the rig.
         logs: Names of the logs.
-        verdict: "data" where faults spoil the logs, else "named", "ambiguous", "unknown" or "nothing".
-        faults: What is wrong with the logs themselves.
-        notes: Sentences about what of it does no harm.
-        alignment: Mean delay of the torques behind their stamps, s: the hold of a sampled command and estimated shifts.
-        before: The refitted model.
-        after: The extended model.
-        findings: Causes, the strongest first.
+        verdict: "data" where the logs are at fault; "named", "ambiguous", "unknown" or "nothing".
+        faults: What is wrong with the logs.
+        notes: Remarks on the logs and on what was done with them.
+        statements: Remarks on all of the logs that stand before the findings and keep the verdict from "nothing".
+        before: The refitted model: rigid bodies, dry and viscous friction.
+        after: The extended model: with the findings that are stated.
+        findings: Causes, the strongest first; unconfirmed ones are not in the extended model.
         residual: Joint → what is left after all findings.
         idle: Joints at rest, of which nothing is said.
-        candidate: The cause that predicts held-out torque best where none was accepted; None: there is none.
-        immaterial: Significant and too small to matter.
-        untestable: What the logs cannot show.
+        candidate: The cause that comes nearest where none was accepted; None: there is none.
+        immaterial: Causes that are significant and too small to matter.
+        untestable: Causes that the logs cannot show.
         detection_limit: Joint → torque that would have been found, N m rms.
-        stated: "torque_rmse", "fit_percent", "rollout_rmse": joint → figure, held out, of the rig as the URDF says.
-        rubbing: The same of the URDF's bodies with the friction that was fitted.
-        baseline: The same of the refitted model.
-        extended: The same after all findings.
-        held: The held-out part, or None where the logs are spoilt.
-        given: What the logs say of the payload once the found causes are known; nothing where the logs are spoilt.
-        state: What the search ended with on the training part; None where the logs are spoilt.
-        planned: The motion that parts what is ambiguous, where `next_experiment` was asked for it.
-        instead: Causes that were fitted in the findings' places.
-        altered: Log → what was altered in it before anything was fitted, see `checks.check_log`.
+        alignment: Joint → time by which its torque acts later than logged, s.
+        held_out: Errors of URDF, refitted and extended model on the same rows; None: the logs are spoilt.
+        given: What the logs say of the payload against its URDF.
+        explanation: The search's models and rows; None: the logs are spoilt.
+        planned: The motion that separates what is ambiguous, where `next_experiment` was asked for it.
+        altered: Log → what was altered in it before anything was fitted.
         data: The logs.
-        statements: Sentences about a whole log that stand before all findings and keep the verdict from *nothing*.
     """
 
     rig: str
     logs: tuple[str, ...]
-    verdict: str = field(init=False)
-    faults: tuple[Fault, ...]
-    notes: tuple[str, ...]
-    alignment: float
+    verdict: str
     before: Model
     after: Model
+    faults: tuple[Fault, ...] = ()
+    notes: tuple[str, ...] = ()
+    statements: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     residual: Mapping[str, Residual] = field(default_factory=dict)
     idle: tuple[str, ...] = ()
@@ -330,24 +206,19 @@ class Diagnosis(Record):
     immaterial: tuple[Slight, ...] = ()
     untestable: tuple[Untestable, ...] = ()
     detection_limit: Mapping[str, float] = field(default_factory=dict)
-    stated: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    rubbing: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    baseline: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    extended: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    held: Evidence | None = None
+    alignment: Mapping[str, float] = field(default_factory=dict)
+    held_out: HeldOut | None = None
     given: PayloadStatement = field(default_factory=PayloadStatement)
-    state: State | None = None
+    explanation: Explanation | None = None
     planned: NextExperiment | None = None
-    instead: tuple[Cause, ...] = ()
     altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
     data: tuple[Log, ...] = ()
-    statements: tuple[str, ...] = ()
 
     ROWS: ClassVar[str] = "findings"
     __repr__ = brief
 
     def save(self, path: str | Path) -> None:
-        """Write the extended model as ``gimbal-pin diagnose -o`` does: `read_model`, ``tune``, ``studio`` take it."""
+        """Write the extended model, which `read_model`, ``tune``, ``track`` and ``studio`` read."""
         write_extended(self.after, path)
 
     @property
@@ -356,136 +227,95 @@ class Diagnosis(Record):
         return tuple(fault for fault in self.faults if fault.makes_physics_unreliable)
 
     @property
+    def stated(self) -> tuple[Finding, ...]:
+        """Findings that are named or ambiguous."""
+        return tuple(finding for finding in self.findings if finding.is_stated)
+
+    @property
     def lacking(self) -> tuple[Finding, ...]:
-        """Findings that `identify`'s model lacks: all but the motion that it has from the platform's IMU."""
-        return tuple(finding for finding in self.findings if finding.cause != MEASURED_CAUSE)
-
-    @property
-    def stages(self) -> dict[str, Mapping[str, Mapping[str, float]]]:
-        """Model → its held-out figures, each with more of what was fitted than the one before."""
-        each = (self.stated, self.rubbing, self.baseline, self.extended)
-        return dict(zip(("URDF", "friction found", "refitted", "extended"), each))
-
-    @property
-    def finds_payload(self) -> bool:
-        """Whether a finding says what the payload has other than its URDF: then `given` would say it twice."""
-        return any(one.cause.startswith("payload-") for one in self.findings)
-
-    @property
-    def is_extended(self) -> bool:
-        """Whether the extended model has more than `identify`'s: findings, or a table of what nothing explains."""
-        return bool(self.lacking) or any(left.curve for left in self.residual.values())
-
-    def __post_init__(self) -> None:
-        """Put the strongest finding first, and judge."""
-        object.__setattr__(
-            self, "findings", tuple(sorted(self.findings, key=lambda one: -one.explained_share))
-        )
-        object.__setattr__(self, "verdict", self.judge(self.findings))
+        """Stated findings that `identify`'s model lacks: all but the platform's motion, which an IMU measures."""
+        return tuple(finding for finding in self.stated if finding.cause != MEASURED_CAUSE)
 
     @property
     def verdict_without_platform(self) -> str:
-        """The verdict over `lacking`: the platform's motion, which `identify` has from an IMU, does not count."""
-        return self.judge(self.lacking)
-
-    def judge(self, findings: Sequence[Finding]) -> str:
-        """Return the verdict with some of the findings."""
-        if self.spoiling:
-            return "data"
-        if findings:
-            return "named" if any(one.status == "named" for one in findings) else "ambiguous"
+        """The verdict over `lacking`: the motion that an IMU measures does not count."""
+        if self.verdict != "named" or any(one.status == "named" for one in self.lacking):
+            return self.verdict
+        if self.lacking:
+            return "ambiguous"
         return "unknown" if self.unexplained or self.statements else "nothing"
 
     @property
-    def opinions(self) -> dict[str, Opinion]:
-        """Joint → state of its held-out torque after all findings; the simpler models are the URDF's."""
-        if self.held is None:
-            states = {"structured": Opinion.STRUCTURE_LEFT, "noise": Opinion.NOISE_LEFT}
-            return {joint: states[left.state] for joint, left in self.residual.items()}
-        used = dict(zip(self.held.rig.joints, self.held.used.tolist()))
-        found = dict[str, Opinion]()
-        for joint, left in self.residual.items():
-            *simpler, _, extended = (
-                errors["fit_percent"][joint] for errors in self.stages.values()
-            )
-            is_worse = any(is_degraded(extended, one) for one in simpler)
-            structured = left.state == "structured"
-            judged = 0.0 if joint in self.idle else used[joint]
-            found[joint] = judge_joint(extended, judged, structured, structured, is_worse)
-        return found
-
-    @property
     def unexplained(self) -> list[str]:
-        """Joints at which something is left that is not known to be noise."""
-        return [joint for joint, state in self.opinions.items() if state.is_open]
+        """Joints at which something predictable is left, or which fitting made worse."""
+        return [joint for joint, opinion in self.opinions.items() if opinion.is_open]
 
     @property
-    def deteriorations(self) -> list[str]:
-        """Sentences about joints at which the fitted model is materially worse than a simpler one."""
-        said = []
-        for joint in self.unexplained if self.held is not None else ():
-            *simpler, _, (_, extended) = (
-                (model, each["fit_percent"][joint]) for model, each in self.stages.items()
-            )
-            model, fit = max(simpler, key=lambda one: one[1])
-            if is_degraded(extended, fit):
-                worse = digits(100 - extended, 2)
-                better = digits(100 - fit, 2)
-                said.append(
-                    f"{joint}: fitting raises the held-out error from {better} % ({model}) to {worse} %"
-                )
-        return said
+    def opinions(self) -> dict[str, Opinion]:
+        """Joint → opinion on its held-out torque after all findings."""
+        if self.held_out is None:
+            return {}
+        urdf, refitted, extended = self.held_out.stages.values()
+        used = self.held_out.used
+        opinions = dict[str, Opinion]()
+        for joint, left in self.residual.items():
+            fit = extended.fit_percent[joint]
+            is_worse = any(is_degraded(fit, x.fit_percent[joint]) for x in (urdf, refitted))
+            is_structured = left.state == "structured"
+            judged = 0.0 if joint in self.idle else used[joint]
+            opinions[joint] = judge_joint(fit, judged, is_structured, is_structured, is_worse)
+        return opinions
 
     @property
-    def hidden(self) -> str:
-        """What may hide in noise of more than a tenth of a joint's torque, a hundredth of its power; else nothing."""
-        most = " and ".join(
-            self.after.rig.in_units(
-                joint, f"{digits(self.extended['torque_rmse'][joint], 2)} N m at {joint}"
-            )
-            for joint, state in self.opinions.items()
-            if state is Opinion.NOISE_LEFT
-        )
-        return (
-            f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for"
-            if most
-            else ""
-        )
+    def deteriorations(self) -> dict[str, str]:
+        """Joint at which the extended model is materially worse than a simpler one → name of the better model."""
+        if self.held_out is None:
+            return {}
+        worse = dict[str, str]()
+        stages = self.held_out.stages
+        for joint in self.unexplained:
+            fits = {name: errors.fit_percent[joint] for name, errors in stages.items()}
+            best = max(fits, key=lambda name: fits[name])
+            if is_degraded(fits["extended"], fits[best]):
+                worse[joint] = best
+        return worse
+
+    @property
+    def finds_payload(self) -> bool:
+        """True if a finding states a payload other than the URDF's, so that `given` would state it twice."""
+        return any(finding.cause.startswith("payload-") for finding in self.stated)
+
+    @property
+    def is_extended(self) -> bool:
+        """True if the extended model has more than `identify`'s."""
+        return bool(self.lacking)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds: what spoils the physics first, then the physics, then faults that were mended."""
-        every = (one for finding in self.findings for one in finding.probabilities)
-        likely = sorted((one for one in every if one[2] >= 0.01), key=lambda one: -one[2])
+        """Return the diagnosis as JSON holds it, schema 2: faults that spoil the logs stand before the physics."""
+        mended = [x for x in self.faults if not (x.makes_physics_unreliable or x.slight)]
+        findings = [
+            *(fault.to_dict() for fault in self.spoiling),
+            *(finding.to_dict() for finding in self.findings),
+            *(fault.to_dict() for fault in mended),
+        ]
         return {
-            "schema": 1,
+            "schema": 2,
             "rig": self.rig,
             "logs": list(self.logs),
             "verdict": self.verdict,
-            "findings": [each.to_dict() for each in self.spoiling]
-            + [each.to_dict() for each in self.findings]
-            + [
-                each.to_dict()
-                for each in self.faults
-                if not (each.makes_physics_unreliable or each.slight)
-            ],
-            "causes": [dict(zip(("cause", "joint", "probability"), one)) for one in likely],
-            "notes": [*self.statements, *self.notes],
-            "altered": list_alterations(self.altered),
-            **{key: value or {} for key, value in self.given.to_dict().items()},
+            "findings": findings,
             "residual": {
                 joint: {**asdict(left), "opinion": self.opinions[joint].value}
                 for joint, left in self.residual.items()
             },
             "candidate": None if self.candidate is None else asdict(self.candidate),
-            "probability_limit": LISTED,
-            "cutoff_hz": None if self.held is None else self.held.band,
-            "immaterial": [asdict(slight) for slight in self.immaterial],
-            "alignment_s": self.alignment,
-            "untestable": [asdict(row) for row in self.untestable],
-            "detection_limit": self.detection_limit,
-            "stated": self.stated,
-            "rubbing": self.rubbing,
-            "baseline": self.baseline,
-            "extended": self.extended,
+            "immaterial": [asdict(one) for one in self.immaterial],
+            "alignment_s": dict(self.alignment),
+            "untestable": [asdict(one) for one in self.untestable],
+            "detection_limit": dict(self.detection_limit),
+            "held_out": None if self.held_out is None else self.held_out.to_dict(),
+            **{key: value or {} for key, value in self.given.to_dict().items()},
             "next_experiment": None if self.planned is None else self.planned.to_dict(),
+            "notes": [*self.statements, *self.notes],
+            "altered": list_alterations(self.altered),
         }

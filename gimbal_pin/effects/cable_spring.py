@@ -121,6 +121,11 @@ class CableSpring(Effect):
         # A power of a float that runs away is an error, a product is infinite.
         return (one, at.q, at.q * at.q, at.q * at.q * at.q) if self.stiffening else (one, at.q)
 
+    def list_ends(self) -> tuple[str, ...]:
+        """Return the names of the angles at which a slack one comes taut."""
+        ends: tuple[str, ...] = ("upper", "lower")
+        return ends[self.sides] if self.taut else ()
+
     def spring(self, values: Sequence[float]) -> tuple[float, float, float]:
         """Stiffness, rest and cubic stiffness from the coefficients; of one that grows, where it is softest.
 

@@ -196,7 +196,6 @@ def compare_fleet(
     folder: str | Path | None = None,
     reference: str | None = None,
     quick: bool = False,
-    seed: int = 0,
     executor: Executor | None = None,
     quiet: bool = True,
 ) -> Fleet:
@@ -211,7 +210,6 @@ def compare_fleet(
         folder: Folder of the results; logs in it are not computed again. None: no folder.
         reference: Folder of an earlier fleet's results to compare with: one unit and a short log of it suffice then.
         quick: True identifies only, and looks for no causes.
-        seed: Seed of everything random.
         executor: Runs the logs; None: a process per processor of this machine.
         quiet: True shows no progress bar.
 
@@ -226,13 +224,13 @@ def compare_fleet(
             manifest.place, "names no rig", "add 'rig: NAME' to manifest.yaml, or give --rig"
         )
     loaded = wanted if isinstance(wanted, Rig) else Rig.load(wanted, payload or manifest.payload)
-    settings = list_settings(loaded, manifest, quick, seed)
+    settings = list_settings(loaded, manifest, quick)
     earlier = None if reference is None else read_reference(reference, settings)
     if earlier is None and len({log.unit for log in manifest.logs}) < 2:
         raise UsageError(
             manifest.place, "has the logs of one unit", "add other units' logs, or give --reference"
         )
-    work = partial(examine_log, rig=loaded, cutoff=manifest.cutoff, quick=quick, seed=seed)
+    work = partial(examine_log, rig=loaded, cutoff=manifest.cutoff, quick=quick)
     table = map_units(work, manifest.logs, executor, folder=folder, settings=settings, quiet=quiet)
     table = table.reindex(columns=list(dict.fromkeys([*table, *COLUMNS])))
     # A log on which the program failed has no row but its error.
@@ -243,9 +241,7 @@ def compare_fleet(
     return judge_fleet(loaded, manifest, reference, table, earlier)
 
 
-def examine_log(
-    log: FleetLog, rig: Rig, cutoff: float | None, quick: bool, seed: int
-) -> dict[str, Value]:
+def examine_log(log: FleetLog, rig: Rig, cutoff: float | None, quick: bool) -> dict[str, Value]:
     """Return a log's row.
 
     Its columns: `value.NAME`, `std.NAME` per parameter and their `units` as JSON; `torque_rmse.JOINT` of the fit, N m;
@@ -264,7 +260,7 @@ def examine_log(
         row |= zip([f"std.{name}" for name in fit.names], fit.estimate.std.tolist())
         row |= {f"torque_rmse.{joint}": rmse for joint, rmse in fit.train.torque_rmse.items()}
         with suppress(DataError):
-            diagnosis = None if quick else diagnose(rig, [read], rng=np.random.default_rng(seed))
+            diagnosis = None if quick else diagnose(rig, [read])
             if diagnosis is not None:
                 row |= {
                     "verdict": diagnosis.verdict,
@@ -284,7 +280,7 @@ def list_findings(diagnosis: Diagnosis) -> list[Finding]:
     return list(dict.fromkeys(findings))
 
 
-def list_settings(rig: Rig, manifest: Manifest, quick: bool, seed: int) -> dict[str, object]:
+def list_settings(rig: Rig, manifest: Manifest, quick: bool) -> dict[str, object]:
     """Return all that the rows depend on: the rig and the logs, with the times of their last changes."""
     return {
         "rig": rig.name,
@@ -292,7 +288,6 @@ def list_settings(rig: Rig, manifest: Manifest, quick: bool, seed: int) -> dict[
         "cutoff": manifest.cutoff,
         "model": describe_rig(rig),
         "quick": quick,
-        "seed": seed,
         "logs": [asdict(log) for log in manifest.logs],
         "changed": [
             os.stat(file).st_mtime_ns for log in manifest.logs for file in files_of(log.path)

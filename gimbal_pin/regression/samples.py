@@ -334,9 +334,9 @@ class UnfilteredTorque(NamedTuple):
             cutoff,
         )
 
-    def smoothed(self, torque: Array) -> Array:
-        """Resample and smooth a torque at the samples of the log, N m, (L,), as theirs was: (m,)."""
-        even = signals.resample(self.t, torque[:, None], self.grid)
+    def smoothed(self, torque: Array, late: float = 0.0) -> Array:
+        """Resample and smooth a torque at the samples of the log, N m, (L,), as theirs was: (m,); `late`: later, s."""
+        even = signals.resample(self.t + late, torque[:, None], self.grid)
         return np.asarray(signals.zero_phase(even, self.sections)[:: self.step, 0])
 
 

@@ -8,6 +8,7 @@ from . import view as view
 from .charts import Chart as Chart
 from .charts import Charts as Charts
 from .charts import Trace as Trace
+from .diagnosis_text import report_diagnosis as report_diagnosis
 from .elements import Document as Document
 from .elements import Section as Section
 from .elements import Table as Table

@@ -99,7 +99,7 @@ def describe_identified(found: Identified) -> Document:
 def describe_diagnosis(found: Diagnosis) -> Document:
     """Return what the simulation gets wrong."""
     lead = "A link is the redder, the more torque the refitted model leaves at the joint that moves it."
-    is_played = found.held is not None and bool(found.data)
+    is_played = found.held_out is not None and bool(found.data)
     played = (
         [Section("Animation", [PlayedResidual(found)], lead, is_detail=True)] if is_played else []
     )

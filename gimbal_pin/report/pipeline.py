@@ -15,12 +15,12 @@ from gimbal_pin.control.judging import Judgement, judge_controllers
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tracking import Tracking, tour, track
 from gimbal_pin.control.tuning import TunedLaw, Tuning, pair_rivals, tune, write_controller
-from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
+from gimbal_pin.diagnosis import Diagnosis, diagnose, plan_next_experiment
 from gimbal_pin.diagnosis.file import DIAGNOSIS_FILES as DIAGNOSED
 from gimbal_pin.diagnosis.file import list_writers
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import plant_with, simulate
-from gimbal_pin.effects import RigEffect, Signal, Term, TorqueTable
+from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.identification import (
@@ -42,6 +42,7 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
 from gimbal_pin.regression import Estimator, Filtering, fit_weighted
 from gimbal_pin.report import view
+from gimbal_pin.report.diagnosis_text import report_diagnosis
 from gimbal_pin.report.elements import Document, Section, paragraph
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.format import controller_name, list_shown_joints, listed, to_sentence
@@ -150,7 +151,7 @@ class Auto(Record):
         return {
             "schema": 1,
             "identify": self._report_identified(),
-            "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
+            "diagnose": None if self.diagnosis is None else report_diagnosis(self.diagnosis),
             "tune": {**self.tuning.to_dict(), "judged": self.judged.to_dict()},
             "track": {
                 **self.tracking.to_dict(),
@@ -266,9 +267,8 @@ def auto(
     generator, seed = make_generator(rng)
     wrong, undiagnosed = None, ""
     try:
-        wrong = planned(
-            diagnose(rig, logs, rng=generator, holdout=holdout, mass=mass), rng=generator
-        )
+        wrong = diagnose(rig, logs, holdout=holdout, mass=mass)
+        wrong = plan_next_experiment(wrong, generator)
     except DataError as error:
         undiagnosed = str(error)
     extended = wrong is not None and finds_more(wrong, known)
@@ -330,12 +330,11 @@ def auto(
 
 
 def finds_more(wrong: Diagnosis, known: Model | None) -> bool:
-    """Whether a diagnosis finds a cause, or a table of what none explains, that a known model has not already."""
+    """Return whether a diagnosis finds a cause that a known model has not already."""
     if known is None:
         return wrong.is_extended
     causes = (*(term.effect for term in known.terms), *known.changes)
     found = {(finding.cause, finding.joint or "rig") for finding in wrong.lacking}
-    found |= {(TorqueTable.name, joint) for joint, left in wrong.residual.items() if left.curve}
     return not found <= {(cause.name, cause.place) for cause in causes}
 
 
@@ -368,7 +367,7 @@ def write_results(
     identified = found.identified
     wrong = found.diagnosis
     names = {"urdf": f"{rig.name}.urdf", **FILES}
-    diagnosed = {} if wrong is None or wrong.held is None else list_writers(wrong)
+    diagnosed = {} if wrong is None or wrong.held_out is None else list_writers(wrong)
     absent = {"extended model", "next experiment", "camera"} - diagnosed.keys()
     absent -= {"camera"} if found.held is not None else set()
     found = replace(

@@ -271,6 +271,8 @@ def dots(axes: Axes, x: Array, y: Array, colour: str) -> None:
     Matplotlib simplifies dots away: of what it clips, and of a path whose x is sorted, it draws a simplified copy; and
     in a PNG those that have no length.
     """
+    if not len(x):
+        return
     xs = np.column_stack([x, x + 1e-9 * (np.ptp(x) or 1.0), np.full_like(x, np.nan)]).ravel()
     ys = np.column_stack([y, y, np.full_like(y, np.nan)]).ravel()
     alpha = float(np.clip(200 / max(len(x), 1), 0.35, 0.9))

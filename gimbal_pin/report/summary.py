@@ -12,10 +12,17 @@ import numpy as np
 from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.control.laws.reasons import ReasonKind, list_compensated
 from gimbal_pin.control.tuning import RIVAL
-from gimbal_pin.diagnosis.result import MEASURED_CAUSE
-from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD
+from gimbal_pin.report.diagnosis_text import (
+    describe_candidate,
+    get_compensation,
+    get_experiment,
+    list_deciding_faults,
+    list_rest,
+    name_finding,
+    state_verdict,
+)
 from gimbal_pin.report.elements import Card, Section, bullets, cards, folded, notice, paragraph
 from gimbal_pin.report.format import (
     angle,
@@ -38,7 +45,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.judging import Judgement
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
-    from gimbal_pin.diagnosis import Diagnosis, Finding
+    from gimbal_pin.diagnosis import Diagnosis
     from gimbal_pin.identification import Identified, PayloadStatement
     from gimbal_pin.log.log import Log
     from gimbal_pin.pointing import Verified
@@ -139,15 +146,15 @@ def summary(
     tested = found.held_out or found.train
     fit = min(tested.fit_percent.values())
     tone = "poor" if spoilt else "fair" if missing else grade(fit)
-    if wrong is not None and wrong.held is not None and not spoilt:
-        where = f"to {wrong.held.band:g} Hz, held out"
-        fits = wrong.baseline["fit_percent"]
-        worst, stated = min(wrong.stated["fit_percent"].items(), key=lambda pair: pair[1])
+    if wrong is not None and wrong.held_out is not None and not spoilt:
+        where = f"to {wrong.held_out.cutoff_hz:g} Hz, held out"
+        fits = wrong.held_out.refitted.fit_percent
+        worst, stated = min(wrong.held_out.urdf.fit_percent.items(), key=lambda pair: pair[1])
         model[0] = rate_fit(
             "Fit of the torque", fits, f"{where}; the URDF's {percent(stated)}, at {worst}"
         )
         if wrong.is_extended:
-            fits = wrong.extended["fit_percent"]
+            fits = wrong.held_out.extended.fit_percent
             model.insert(1, rate_fit("With what was found", fits, where))
             fit = min(fits.values())
     numbers = [*model, *rate_controller(tuning, judged, held)]
@@ -238,14 +245,14 @@ def rate_controller(
 
 def missed(wrong: Diagnosis | None) -> str:
     """Return what the rigid model misses, or what is wrong with the logs, as a sentence without its full stop."""
-    if wrong is None or wrong.verdict_without_platform == "nothing":
+    if wrong is None:
         return ""
     if wrong.verdict == "data":
-        faults = listed(dict.fromkeys(fault.cause for fault in wrong.spoiling))
-        return f"The log itself is at fault ({faults}): nothing that it seems to say about the rig should be believed"
+        return state_verdict(wrong)[:-1]
     if not (wrong.lacking or wrong.unexplained):
-        return to_sentence(wrong.statements[0])[:-1]
-    found = listed(named(finding) for finding in wrong.lacking) if wrong.lacking else ""
+        is_silent = wrong.verdict_without_platform == "nothing"
+        return "" if is_silent else state_verdict(wrong)[:-1]
+    found = listed(map(name_finding, wrong.lacking)) if wrong.lacking else ""
     rest = (
         f"torque at {listed(wrong.unexplained)} for which no cause was accepted"
         if wrong.unexplained
@@ -258,13 +265,6 @@ def list_questioned(wrong: Diagnosis | None) -> list[str]:
     """Return the joints at which a diagnosis found something, or left more than noise."""
     found = [] if wrong is None else [*(one.joint for one in wrong.lacking), *wrong.unexplained]
     return [joint for joint in dict.fromkeys(found) if joint is not None]
-
-
-def named(finding: Finding) -> str:
-    """``cogging at yaw``; ``cogging or cable-spring at yaw`` where the log cannot tell."""
-    *others, last = finding.alike if finding.status == "ambiguous" else (finding.cause,)
-    either = f"{', '.join(others)} or {last}" if others else last
-    return f"{either} at {finding.joint or 'the rig as a whole'}"
 
 
 def verdict(fit: float, missing: str = "", barred: bool = False) -> str:
@@ -284,17 +284,19 @@ def to_do(
     wrong: Diagnosis | None, tuning: Tuning | None, payload: PayloadStatement | None = None
 ) -> tuple[str, ...]:
     """Return what to do about what was found, the most urgent first."""
-    if wrong is not None and wrong.spoiling:
-        return tuple(to_sentence(fault.next_experiment) for fault in wrong.spoiling)
+    if wrong is not None and wrong.verdict == "data":
+        faults = list_deciding_faults(wrong)
+        return tuple(to_sentence(fault.next_experiment) for fault in faults)
     open_ = []
     known = []
     slid = () if payload is None else tuple(to_sentence(one) for one in payload.advice[:1])
     compensated = [] if tuning is None else list_compensated(tuning.model, tuning.wish.kind)
     for finding in [] if wrong is None else wrong.lacking:
-        if finding.open:
-            open_.append(f"Find out whether it is {named(finding)}: {finding.experiment}.")
-        elif finding.cause != MEASURED_CAUSE and (finding.cause, finding.joint) not in compensated:
-            known.append(f"Against {named(finding)}: {CAUSES[finding.cause].compensation}.")
+        experiment = get_experiment(finding)
+        if experiment is not None:
+            open_.append(f"Find out whether it is {name_finding(finding)}: {experiment}.")
+        elif (finding.cause, finding.joint) not in compensated:
+            known.append(f"Against {name_finding(finding)}: {get_compensation(finding)}.")
     if tuning is not None and tuning.doubts:
         richer = "Record a richer log, for which 'gimbal-pin excite' designs the motion, before a controller runs."
         return (*open_, richer, *known, *slid)
@@ -302,17 +304,10 @@ def to_do(
 
 
 def unexplained(wrong: Diagnosis | None) -> list[str]:
-    """Say what the diagnosis could not explain, or what noise may hide."""
-    if wrong is None:
+    """Say what the diagnosis could not explain."""
+    if wrong is None or not wrong.unexplained:
         return []
-    lines = []
-    if wrong.unexplained:
-        nearest = "" if wrong.candidate is None else f": {wrong.candidate.sentence}"
-        lines.append(
-            f"Torque is left unexplained at {listed(wrong.unexplained)}, and no cause was accepted{nearest}"
-        )
-    lines += [*wrong.deteriorations, *([wrong.hidden] if wrong.hidden else [])]
-    return [to_sentence(line) for line in lines]
+    return [*list_rest(wrong), *filter(None, [describe_candidate(wrong)])]
 
 
 def cautions(

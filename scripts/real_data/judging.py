@@ -10,6 +10,7 @@ from typing import Any
 
 from real_data.known import Known, Size
 from real_data.running import Outcome
+from tests.blind.judge import get_errors
 
 Json = dict[str, Any]
 
@@ -117,14 +118,8 @@ def is_found(told: Json, known: Known) -> bool:
     """Whether all that is known of the device is found; never where nothing is known."""
     found = [f for f in told["findings"] if f["status"] in ("named", "data")]
     each = (any(is_of(f, cause) for f in found for cause in one.split("|")) for one in known.found)
-    gained = all(after <= known.share * before for before, after in errors(told).values())
+    gained = all(after <= known.share * before for before, after in get_errors(told).values())
     return bool(known.found) and all(each) and gained and known.harmonics <= harmonics(told)
-
-
-def errors(told: Json) -> dict[str, tuple[float, float]]:
-    """Return each joint's held-out torque error before and after all findings, N m."""
-    before, after = (told[part]["torque_rmse"] for part in ("baseline", "extended"))
-    return {joint: (before[joint], after[joint]) for joint in before}
 
 
 def contradictions(told: Json, known: Known) -> Iterator[str]:
@@ -145,7 +140,7 @@ def contradictions(told: Json, known: Known) -> Iterator[str]:
         yield from (f"{where}: {text}" for one in known.sizes for text in misses(finding, one))
         yield from (f"{where}: inertia {x:.3g} kg m²" for x in values(finding, "inertia") if x <= 0)
     if any(f["status"] == "named" for f in told["findings"]):
-        for joint, (before, after) in errors(told).items():
+        for joint, (before, after) in get_errors(told).items():
             if after > WORSE * before:
                 yield f"held-out error at {joint} grows, {before:.3g} → {after:.3g}"
     for sentence in (

@@ -7,13 +7,13 @@ project is judged, and compared in pairs with its successor, by the rules of the
 import csv
 import json
 
-from .judge import judge
+from .judge import get_errors, judge
 
 TRUTH_KEYS = ("stratum", "rig", "joints", "faults", "data", "noise_floor")
 CAUSE_KEYS = (
     "cause", "form", "joint", "foreign", "outside", "kin", "parameters", "comparable", "snr", "projected_rms",
 )  # fmt: skip
-FINDING_KEYS = ("cause", "joint", "status", "class", "probability", "parameters")
+FINDING_KEYS = ("cause", "joint", "status", "class", "probability", "parameters", "rivals")
 
 
 def write(path, folder):
@@ -40,11 +40,14 @@ def read(path):
 
 
 def encode_answer(answer):
-    """Return what is kept of ``diagnose --json`` as one line of JSON."""
+    """Return what is kept of ``diagnose --json`` as one line of JSON, errors as in schema 2."""
     kept = _select(answer, ("verdict", "exit", "causes"))
     kept["findings"] = [_select(finding, FINDING_KEYS) for finding in answer.get("findings", ())]
-    for stage in ("baseline", "extended"):
-        kept[stage] = _select(answer.get(stage) or {}, ("torque_rmse",))
+    errors = get_errors(answer)
+    kept["held_out"] = {
+        stage: {"torque_rmse": {joint: pair[k] for joint, pair in errors.items()}}
+        for k, stage in enumerate(("refitted", "extended"))
+    }
     return _encode(kept)
 
 

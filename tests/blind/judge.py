@@ -15,7 +15,7 @@ VISIBLE = 3.0
 
 @dataclass(frozen=True)
 class Judged:
-    """A truth and its diagnosis, with the findings that are not excused by the log's own faults."""
+    """A truth and its diagnosis, with the findings that are stated and not excused by the log's own faults."""
 
     truth: Json
     diagnosis: Json
@@ -38,13 +38,15 @@ class Judged:
 
 
 def judge(truth, diagnosis):
-    """Set aside findings of faults that the log truly has, and of what a form brings along besides its cause."""
+    """Set aside what is unconfirmed, faults that the log truly has, and what a form brings along besides its cause."""
     faults = set(truth["faults"])
     besides = {(COMPANY.get((one["cause"], one["form"])), one["joint"]) for one in truth["causes"]}
     left = tuple(
         found
         for found in diagnosis["findings"]
-        if not faults & names_of(found) and (found["cause"], found["joint"]) not in besides
+        if found["status"] != "unconfirmed"
+        and not faults & names_of(found)
+        and (found["cause"], found["joint"]) not in besides
     )
     return Judged(truth, diagnosis, left)
 
@@ -106,14 +108,27 @@ def false_alarm(case):
     return 0.5 if case.verdict in doubtful else 0.0
 
 
+def get_errors(diagnosis):
+    """Return each joint's held-out torque error before and after all findings, N m; schema 1 has them at the top."""
+    stages = diagnosis.get("held_out") or {"refitted": diagnosis.get("baseline"), **diagnosis}
+    before, after = (
+        (stages.get(stage) or {}).get("torque_rmse", {}) for stage in ("refitted", "extended")
+    )
+    return {joint: (before[joint], after[joint]) for joint in before}
+
+
 def gain_recovered(case):
     """(before - after) / (before - oracle) of the held-out torque error on the joint with the largest hidden effect.
 
-    The oracle leaves the noise floor. None where it gains less than a tenth: there is nothing to recover."""
+    The oracle leaves the noise floor. None where it gains less than a tenth: there is nothing to recover, or where the
+    diagnosis states no errors."""
     cause = case.causes[0]
     size = cause["projected_rms"]
     joint = cause["joint"] or max(size, key=size.get)
-    before, after = (case.diagnosis[key]["torque_rmse"][joint] for key in ("baseline", "extended"))
+    errors = get_errors(case.diagnosis)
+    if joint not in errors:
+        return None
+    before, after = errors[joint]
     oracle = case.truth["noise_floor"][joint]
     return (before - after) / (before - oracle) if before - oracle > 0.1 * before else None
 

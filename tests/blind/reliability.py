@@ -80,10 +80,23 @@ def is_right(case, names, joint):
     return None if excused else False
 
 
+def list_probabilities(diagnosis):
+    """Return cause, joint and probability of every stated finding and of its rivals; schema 1 has a list of its own."""
+    if "causes" in diagnosis:
+        return diagnosis["causes"]
+    stated = [one for one in diagnosis["findings"] if one["status"] in ("named", "ambiguous")]
+    return [
+        {"cause": said["cause"], "joint": one["joint"], "probability": said["probability"]}
+        for one in stated
+        for said in (one, *one.get("rivals", ()))
+        if said.get("probability") is not None
+    ]
+
+
 def claims(case):
     """What a diagnosis states of each cause at each place; look-alikes at one place are one claim of their sum."""
     sums = defaultdict(float)
-    for said in case.diagnosis["causes"]:
+    for said in list_probabilities(case.diagnosis):
         sums[alike(str(said["cause"])), said["joint"]] += float(said["probability"])
     judged = [Claim(min(p, 1.0), is_right(case, *place)) for place, p in sums.items()]
     return [claim for claim in judged if claim.right is not None]
@@ -93,7 +106,8 @@ def _is_listed(case, cause):
     """Return whether a diagnosis states any probability of a planted cause."""
     names = {"unknown"} if cause["outside"] else alike(cause["cause"])
     return any(
-        said["cause"] in names and same_joint(said, cause) for said in case.diagnosis["causes"]
+        said["cause"] in names and same_joint(said, cause)
+        for said in list_probabilities(case.diagnosis)
     )
 
 
@@ -103,7 +117,11 @@ def measure(cases):
     The bounds count claims, of which a log states several: as if they did not depend on each other.
 
     Raises: ValueError when no diagnosis states any."""
-    stated = [case for case in cases if "causes" in case.diagnosis and case.truth["data"] is None]
+    stated = [
+        case
+        for case in cases
+        if case.truth["data"] is None and case.verdict not in ("refused", "error")
+    ]
     every = [claim for case in stated for claim in claims(case)]
     if not every:
         raise ValueError(

@@ -11,7 +11,6 @@ import pytest
 
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
-from gimbal_pin.effects import CAUSES
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
@@ -108,9 +107,8 @@ def test_a_diagnosis_calls_another_unit_by_its_name_and_no_gain(
     constants: tuple[float, float], verdict: str
 ) -> None:
     log = recorded()
-    few = {name: CAUSES[name] for name in ("cogging", "torque-gain")}
     amperes = replace(log, tau=log.tau / np.array(constants))
-    found = diagnose(RIG, [amperes], few, filtering=EXACT)
+    found = diagnose(RIG, [amperes], filtering=EXACT)
     assert found.verdict == verdict
     assert bool(found.statements) == (verdict == "unknown")
     assert not found.findings

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
-from gimbal_pin.effects import CAUSES
 from gimbal_pin.identification import read_model
 from gimbal_pin.log import read_log, write_log, write_motion
 from gimbal_pin.rig import Rig
@@ -113,12 +112,8 @@ def test_track_on_a_platform_that_moves(run: Run, made: Path) -> None:
     assert all(row["jitter_rms_deg"] < row["jitter_max_deg"] for row in found)
 
 
-def test_auto_walks_from_a_log_to_a_report(
-    run: Run, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its diagnosis looks for two causes; of the bodies all its parts state what `identify` does."""
-    few = {name: CAUSES[name] for name in ("cogging", "stribeck")}
-    monkeypatch.setattr("gimbal_pin.report.pipeline.diagnose", partial(diagnose, causes=few))
+def test_auto_walks_from_a_log_to_a_report(run: Run, made: Path, tmp_path: Path) -> None:
+    """Of the bodies all its parts state what `identify` does."""
     out = tmp_path / "out"
     call = (*CINEMA, made / "log.csv", "--mass", "2.197")
     found = result(run, "auto", *call, "--kind", "pid", "--damping", "0.9", "-o", out, *FEW)
@@ -161,8 +156,6 @@ def test_every_verb_takes_a_stated_rotor(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The bodies are identified beside it, and it is in every file that states the rig."""
-    few = {"armature": CAUSES["armature"]}
-    monkeypatch.setattr("gimbal_pin.report.pipeline.diagnose", partial(diagnose, causes=few))
     monkeypatch.chdir(tmp_path)
     Path("rig.yaml").write_text(GEAR)
     rig = Rig.load("rig.yaml")
@@ -187,3 +180,33 @@ def test_a_rotor_larger_than_all_inertia_is_refused_by_its_name(
     path = tmp_path / "rig.yaml"
     path.write_text("urdf: turret\nmotors:\n  pan: {rotor_inertia: 1e-4, gear_ratio: 100}\n")
     refused(run("identify", path, made / "log.csv"), 2, "pan", "rotor_inertia")
+
+
+# --- A diagnosis ----------------------------------------------------------------------------------
+
+
+def test_a_diagnosis_is_the_same_in_its_folder_and_in_json(run: Run, tmp_path: Path) -> None:
+    """Its bodies stand in a URDF and in a file for MuJoCo; each finding has a sentence."""
+    rig = bundled("turret")
+    log = prescribed(nominal(rig), seconds=12.0, torque_noise=0.01, dt=4e-3)
+    spring = 0.3 * log.q * np.array([0.0, 1.0])
+    write_log(replace(log, tau=log.tau + spring), tmp_path / "log.csv")
+    files = ("--urdf", tmp_path / "fitted.urdf", "--mjcf", tmp_path / "fitted.xml")
+    told = ("--json", tmp_path / "told.json")
+    code, _, err = run(
+        "diagnose", "turret", tmp_path / "log.csv", "-o", tmp_path / "out", *files, *told
+    )
+    assert code == 0, err
+    found, stored = (
+        json.loads((tmp_path / path).read_text()) for path in ("told.json", "out/diagnosis.json")
+    )
+    assert found == stored
+    assert found["schema"] == 2
+    assert found["verdict"] in ("named", "ambiguous")
+    assert all(row["sentence"] for row in found["findings"])
+    assert set(found["held_out"]) == {"how", "cutoff_hz", "urdf", "refitted", "extended"}
+    fitted = Rig.load(tmp_path / "fitted.urdf")
+    assert fitted.joints == rig.joints
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "fitted.xml")).njnt == rig.n
+    again = run("diagnose", "turret", tmp_path / "log.csv", "--cutoff", 5, "--json", "-")[1]
+    assert json.loads(again)["held_out"]["cutoff_hz"] == 5.0

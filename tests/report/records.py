@@ -67,7 +67,7 @@ def identified(name: str) -> Identified:
 @cache
 def diagnosed(name: str) -> Diagnosis:
     """Return the diagnosis of the log."""
-    return gp.diagnose(RIGS[name], [log_of(name)], rng=0)
+    return gp.diagnose(RIGS[name], [log_of(name)])
 
 
 @cache
@@ -131,7 +131,7 @@ OF_ANY_RIG: dict[str, Callable[[str], Record]] = {
     "Log": lambda name: log_of(name).part(slice(0, 500)),
 }
 OF_TURRET: dict[str, Callable[[str], Record]] = {
-    "Diagnosis of spoilt logs": lambda name: gp.diagnose(RIGS[name], [spoil(name)], rng=0),
+    "Diagnosis of spoilt logs": lambda name: gp.diagnose(RIGS[name], [spoil(name)]),
     "Identified without its logs": lambda name: replace(identified(name), data=()),
     "Verified": lambda name: verify(
         RIGS[name], log=clean_log(name), known=tuned(name).model, seeds=1, seconds=1.0

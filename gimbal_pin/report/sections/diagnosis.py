@@ -3,41 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
-from functools import cache, partial
-from math import isfinite
+from functools import cache
 
 import numpy as np
-from markupsafe import Markup
 
-from gimbal_pin.diagnosis import Diagnosis, Finding
-from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
-from gimbal_pin.diagnosis.counterfactual import COMPENSATION
-from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.gain import (
-    TorqueTrace,
-    compute_filtered_error,
-    describe_worse_errors,
-    trace_torques,
-)
-from gimbal_pin.diagnosis.probability import LISTED
-from gimbal_pin.effects import CAUSES
-from gimbal_pin.errors import DataError, digits
+from gimbal_pin.diagnosis import SETTINGS, Diagnosis, Finding, HeldOut, TorqueTrace, trace_torques
+from gimbal_pin.diagnosis.held_out import ResidualTraces
+from gimbal_pin.diagnosis.rows import Indices
 from gimbal_pin.identification.validation import LEAST_JUDGED_SHARE
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, Flags
+from gimbal_pin.regression import Filtering
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.charts import Chart, Charts, Trace, list_abscissae
-from gimbal_pin.report.elements import (
-    Content,
-    Element,
-    Section,
-    bullets,
-    folded,
-    heading,
-    paragraph,
+from gimbal_pin.report.diagnosis_text import (
+    advise,
+    describe_candidate,
+    describe_unconfirmed,
+    head_finding,
+    list_alternatives,
+    list_deciding_faults,
+    list_remarks,
+    list_rest,
+    list_unnamed,
+    state_gain,
+    state_share,
+    state_size,
+    state_sizes,
+    state_verdict,
 )
+from gimbal_pin.report.elements import Element, Section, bullets, folded, heading, paragraph
 from gimbal_pin.report.evaluation import find_worst
 from gimbal_pin.report.format import (
     ShownJoint,
@@ -49,109 +44,60 @@ from gimbal_pin.report.format import (
     torque_unit,
 )
 from gimbal_pin.report.rig_drawing import RigDrawing
+from gimbal_pin.report.sections.experiment import describe_next_experiment
 from gimbal_pin.report.sections.model import describe_lags, show_payload
 
 WRONG = "What the simulation gets wrong"
-VERDICTS = {
-    "named": "The model lacks {named}.",
-    "ambiguous": "Something is missing from the model; this log leaves more than one cause possible.",
-    "unknown": "The model leaves torque unexplained at {unexplained}, and no cause was accepted.",
-    "nothing": "No error was found in the refitted model beyond the limits below.",
-    "data": "The log itself is at fault: nothing that it seems to say about the rig should be believed.",
-}
-BY_PLATFORM_ALONE = (
-    "This is by the platform's motion alone, as its IMU tells it: below stands what that is worth."
-)
 SPOILT = "What a fit of the log finds all the same, and what is not to be acted on:"
 MOST_POINTS = 700
-"""Most dots in a cloud, and points of a curve over time in one stretch."""
+"""Most dots in a cloud, and points of a curve over time."""
 MOST_DRAWN_JOINTS = 4
 """Most joints whose residual is drawn, those with findings first."""
 SEGMENT = 8.0
 """Length of the stretches that a spectrum is averaged over, s."""
 OPEN = 0.5
-"""Weight of a sample from which on it is drawn."""
+"""Weight of a row from which on it is drawn."""
+
+
+# -- text --------------------------------------------------------------------------------------------------------------
 
 
 def show_diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
-    tone = "good" if found.verdict_without_platform == "nothing" else "fair"
-    named = ((f"{one.joint or 'rig'}: {' or '.join(one.alike)}", one) for one in found.findings)
-    heads = [f"{name}; {tables.state_probability(one)}" for name, one in named]
-    questioned = list(
-        dict.fromkeys([*(one.joint for one in found.findings if one.joint), *found.unexplained])
-    )
-    decided = [
-        paragraph(state_verdict(found), f"headline {tone}"),
-        Markup(bullets(heads)),
-        *state_model_errors(found),
-    ]
-    parts: list[object] = [RigDrawing(found.after.rig, questioned, found.given.balance, decided)]
-    if found.spoiling:
-        faults = [f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling]
-        parts.append(
-            bullets(
-                [*faults, *(tables.state_size(p) for fault in found.spoiling for p in fault.answer)]
-            )
-        )
-        parts += [paragraph(SPOILT)] if found.findings else []
-    joints = () if found.held is None else list_shown_joints(found.held.rig)
-    for finding in found.findings:
-        parts += show_finding(finding, not found.spoiling)
+    is_good = found.verdict_without_platform == "nothing" and not found.unexplained
+    headline = paragraph(state_verdict(found), f"headline {'good' if is_good else 'fair'}")
+    remarks = [paragraph(one) for one in list_remarks(found)]
+    beside = [headline, *remarks, *state_model_errors(found)]
+    joints = list_questioned(found)
+    parts: list[object] = [RigDrawing(found.after.rig, joints, found.given.balance, beside)]
+    parts += show_faults(found)
+    for finding in found.stated:
+        parts += show_finding(finding, state_gain(found, finding), found.verdict != "data")
+    unconfirmed = [describe_unconfirmed(one) for one in found.findings if not one.is_stated]
+    if unconfirmed:
+        title = "Selected, but not stated as the cause and not in the model"
+        parts += [heading(title), bullets(f"{one}." for one in unconfirmed)]
+    rest = [*list_rest(found), *filter(None, [describe_candidate(found)])]
+    if rest:
+        title = "What is not explained" if found.unexplained else "What would have been found"
+        parts += [heading(title), bullets(rest)]
     if found.planned is not None:
-        parts += [heading("The next experiment"), bullets(found.planned.lines)]
-    if found.held is not None:
-        parts += [heading(f"What is left up to {found.held.band:g} Hz"), tables.residual(found)]
-        parts += [paragraph(f"{tables.ALONE}.", "side")] if len(found.findings) > 1 else []
-        parts += [paragraph(to_sentence(found.hidden), "side")] if found.hidden else []
-        parts += [paragraph(f"{line}.") for line in found.deteriorations]
-        parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
-        left = picture_residuals(found, joints, found.held)
-        parts.append(folded("What is left over angle, rate, time and frequency", left))
-    simulated = (
-        "Simulated: error of the position, rms, after 0.2 s of simulation from the held-out torque."
-    )
-    if found.held is not None and (found.findings or found.is_extended):
-        parts += [
-            heading("What knowing it gains"),
-            tables.gain(found, joints),
-            paragraph(simulated, "side"),
-        ]
-        parts += [
-            paragraph(f"{line}.") for line in describe_worse_errors(found.baseline, found.extended)
-        ]
+        lines = describe_next_experiment(found.planned)
+        parts += [heading("The next experiment"), bullets(lines)]
+    if found.held_out is not None:
+        parts += show_held_out(found, found.held_out)
     given = replace(found.given, apart=None) if found.finds_payload else found.given
     parts += show_payload(given, *qualify_payload(found))
-    late = describe_lags(found.after) if found.held is not None else []
-    notes = [*found.notes, *late, *tables.list_unnamed(found), *list_altered(found.altered)]
+    notes = [*found.notes, *list_unnamed(found), *list_altered(found.altered)]
+    notes += describe_lags(found.after) if found.held_out is not None else []
     parts += [folded("Notes", bullets(notes), is_detail=False)] if notes else []
-    band = "" if found.held is None else f", up to {found.held.band:g} Hz"
-    lead = f"Held-out errors are of the part of the log that no choice has seen{band}."
-    return Section(WRONG, parts, lead)
+    return Section(WRONG, parts)
 
 
-def state_verdict(found: Diagnosis) -> str:
-    """Return the verdict; a cause that is left open is not said to be named."""
-    verdict = found.verdict_without_platform
-    places = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.lacking]
-    named = [place for place, one in zip(places, found.lacking) if one.status == "named"]
-    open_ = [place for place, one in zip(places, found.lacking) if one.status != "named"]
-    parts = list(map(to_sentence, found.statements))
-    if found.lacking or found.unexplained or not parts:
-        parts.append(
-            VERDICTS[verdict].format(
-                named=listed(named or [""]), unexplained=listed(found.unexplained or [""])
-            )
-        )
-    if verdict == "named" and open_:
-        parts.append(f"It may also lack {listed(open_)}: this log leaves open which.")
-    if verdict == "unknown" and found.candidate is not None:
-        parts.append(to_sentence(found.candidate.sentence))
-    if found.findings and found.unexplained and verdict != "data":
-        parts.append(f"Torque is left unexplained at {listed(found.unexplained)}.")
-    if found.lacking != found.findings:
-        parts.append(BY_PLATFORM_ALONE)
-    return " ".join(parts)
+def list_questioned(found: Diagnosis) -> list[str]:
+    """Return the joints with findings that are stated, and those at which torque is left unexplained."""
+    places = [*(one.joint for one in found.stated if one.joint), *found.unexplained]
+    return list(dict.fromkeys(places))
 
 
 def state_model_errors(found: Diagnosis) -> list[Element]:
@@ -159,181 +105,240 @@ def state_model_errors(found: Diagnosis) -> list[Element]:
 
     Of spoilt logs nothing.
     """
-    judged = (
-        []
-        if found.held is None or found.spoiling
-        else zip(found.residual, found.held.used.tolist())
-    )
-    moved = [joint for joint, used in judged if used >= LEAST_JUDGED_SHARE]
-    if not moved:
+    held = found.held_out
+    if held is None or found.spoiling:
         return []
-    joint = min(moved, key=lambda name: found.stated["fit_percent"][name])
-    each = (f"{name} {tables.share_off(errors, joint)}" for name, errors in found.stages.items())
-    assert found.held is not None
-    where = f"{joint}, where the URDF is worst, held out, up to {found.held.band:g} Hz"
-    return [paragraph(f"Torque error at {where}: {', '.join(each)}.")]
+    fits = {
+        joint: fit
+        for joint, fit in held.urdf.fit_percent.items()
+        if held.used[joint] >= LEAST_JUDGED_SHARE
+    }
+    if not fits:
+        return []
+    joint = min(fits, key=lambda name: fits[name])
+    shares = [
+        f"{name} {state_share(100 - errors.fit_percent[joint])}"
+        for name, errors in held.stages.items()
+    ]
+    where = f"{joint}, where the URDF is worst, held out, up to {held.cutoff_hz:g} Hz"
+    return [paragraph(f"Torque error at {where}: {', '.join(shares)}.")]
+
+
+def show_faults(found: Diagnosis) -> list[object]:
+    """Return what is wrong with the logs, what to do about it, and what holds in spite of it."""
+    faults = list_deciding_faults(found)
+    if not faults:
+        return []
+    lines = [f"{fault.sentence}; {fault.next_experiment}" for fault in faults]
+    lines += [state_size(figure) for fault in faults for figure in fault.answer]
+    return [bullets(lines), *([paragraph(SPOILT)] if found.findings else [])]
+
+
+def show_finding(finding: Finding, gain: str, is_believed: bool) -> list[object]:
+    """Return a finding: its size, what it gains, what it could be instead, and what to do.
+
+    Args:
+        finding: The finding.
+        gain: What it gains, see `state_gain`.
+        is_believed: Whether the logs are sound, so that something is to be done about it.
+    """
+    is_listed = len(finding.parameters) > tables.MOST  # the harmonics of a motor's teeth
+    lines = list[str]()
+    if finding.parameters and not is_listed:
+        interval = " (± 95 %)" if finding.sized else ""
+        lines.append(f"{to_sentence(state_sizes(finding.parameters))[:-1]}{interval}.")
+    lines += [to_sentence(gain), *list_alternatives(finding)]
+    lines += [advise(finding)] if is_believed else []
+    parts: list[object] = [heading(head_finding(finding)), bullets(lines)]
+    if is_listed:
+        title = f"Its {len(finding.parameters)} figures"
+        parts.append(folded(title, tables.tabulate_sizes(finding)))
+    return [*parts, *([tables.rivals(finding)] if finding.rivals else [])]
+
+
+def show_held_out(found: Diagnosis, held: HeldOut) -> list[object]:
+    """Return the errors of the models on held-out rows, and pictures of what they leave."""
+    how = (
+        f"Rows: {held.how}, up to {held.cutoff_hz:g} Hz. "
+        "Errors: rms, in brackets the share of the torque's deviation from its mean."
+    )
+    drawn = picture_residuals(found, held)
+    return [
+        heading("Torque error held out"),
+        paragraph(how, "side"),
+        tables.held_out_errors(found),
+        folded("What is left over angle, rate, time and frequency", drawn),
+    ]
 
 
 def qualify_payload(found: Diagnosis) -> list[Element]:
     """Say whether the payload's figures are only rough."""
-    odd = found.unexplained
-    said = f"These figures are rough: torque is left unexplained at {listed(odd)}." if odd else ""
-    return [paragraph(said, "side")] if said else []
+    if not found.unexplained:
+        return []
+    where = listed(found.unexplained)
+    return [paragraph(f"These figures are rough: torque is left unexplained at {where}.", "side")]
 
 
-def show_finding(finding: Finding, believed: bool = True) -> list[object]:
-    """Return a finding's sentence, its figures, and what it could be instead."""
-    chance = tables.state_probability(finding)
-    sizes = tables.state_sizes(finding)
-    cap = f"at most {100 * LISTED:.0f} %, for the true form may be one that the library lacks"
-    lines: list[Content] = [f"{to_sentence(chance)[:-1]} ({cap})."]
-    is_listed = len(finding.sized) > tables.MOST  # the harmonics of a motor's teeth
-    lines += [f"{sizes}{' (± 95 %)' if finding.sized else ''}."] if sizes and not is_listed else []
-    if finding.open:
-        lines.append(f"{to_sentence(finding.open)} Try {finding.experiment}.")
-    cause = CAUSES.get(finding.cause)
-    if believed:
-        lines.append(
-            f"What to do about it: {COMPENSATION if cause is None else cause.compensation}."
-        )
-    before, after = (finding.gain[f"rollout_rmse_{when}"] for when in ("before", "after"))
-    if before > 0 and isfinite(after):
-        share = digits(after / before, 2)
-        lines.append(
-            f"Simulated from the same torque, the angle is off by {share} times what it was without it."
-        )
-    said = finding.sentence.removeprefix(f"{finding.joint or 'rig'}: {finding.cause}, ")
-    parts: list[object] = [heading(f"{finding.joint or 'Rig'}: {' or '.join(finding.alike)}")]
-    parts += [paragraph(to_sentence(said)), bullets(lines)]
-    parts += (
-        [folded(f"Its {len(finding.sized)} figures", tables.tabulate_sizes(finding))]
-        if is_listed
-        else []
-    )
-    parts += [tables.rivals(finding)] if finding.rivals else []
-    return parts
+# -- pictures of what is left ------------------------------------------------------------------------------------------
 
 
-def picture_residuals(
-    found: Diagnosis, joints: tuple[ShownJoint, ...], held: Evidence
-) -> plots.Drawing:
-    """Return the residual's four faces, one column per joint, in the rig's order.
+def picture_residuals(found: Diagnosis, held: HeldOut) -> plots.Drawing:
+    """Return what two models leave over angle, rate, time and frequency.
 
-    Where not all joints find room these are, first, those with findings, the strongest first, then those with
-    something left.
+    Where not all joints find room these are, first, those with findings, then those with something left.
     """
-    place = {joint.name: j for j, joint in enumerate(joints)}
-    named = [place[each.joint] for each in found.findings if each.joint in place]
-    open_ = [place[name] for name in found.unexplained]
-    order = sorted(list(dict.fromkeys([*named, *open_, *place.values()]))[:MOST_DRAWN_JOINTS])
-    shown = [joints[j] for j in order]
-    alt = f"Held-out residual torque of {', '.join(joint.name for joint in shown)} over angle, rate, time and frequency"
+    joints = list_shown_joints(found.after.rig)
+    order = dict.fromkeys([*list_questioned(found), *(joint.name for joint in joints)])
+    shown = set(list(order)[:MOST_DRAWN_JOINTS])
+    names = [joint.name for joint in joints if joint.name in shown]
+
+    @cache
+    def make() -> Charts:
+        rows = [
+            chart_residual(found, held, joint, j)
+            for j, joint in enumerate(joints)
+            if joint.name in shown
+        ]
+        return Charts("held out" if len(found.logs) > 1 else found.logs[0], rows)
+
+    alt = f"Residual torque of {', '.join(names)} over angle, rate, time and frequency"
     caption = (
-        "Held-out residual torque: refitted model (grey), extended model (colour), over the joint's angle, rate and "
-        "time, and its amplitude over frequency. What is flat and small in colour has been explained."
+        "Residual torque of the refitted model (grey) and of the extended model (colour), each row predicted by a fit "
+        "to others. What is flat and small in colour is noise or too small to matter."
     )
-    if any(found.residual[joint.name].curve is not None for joint in shown):
-        caption += (
-            " Black: what no cause explains and the extended model carries, on paper within "
-            "two standard deviations."
-        )
-    draw = partial(draw_residuals, found, joints, order, held)
-    charts = partial(chart_residuals, found, shown, order, held)
-    return plots.Drawing(draw, alt, caption, charts=charts)
+    return plots.Drawing(lambda: draw_residuals(make(), held.cutoff_hz), alt, caption, charts=make)
 
 
-def chart_residuals(
-    found: Diagnosis, shown: Sequence[ShownJoint], order: list[int], held: Evidence
-) -> Charts:
-    """Return a row per joint: the residual, over time where it is judged, and beside it its amplitude over frequency.
+def chart_residual(found: Diagnosis, held: HeldOut, joint: ShownJoint, j: int) -> list[Chart]:
+    """Return a joint's residual over time, and beside it its amplitude over frequency.
 
-    Of several logs time goes on from one to the next.
+    Curves are broken near standstill and between stretches. Of several logs time goes on from one to the next.
     """
-    steps = [part.channels.t - part.channels.t[0] + part.dt for part in held.parts]
-    jumps = len(found.logs) > 1
-    ends = np.cumsum([0.0, *(step[-1] for step in steps)])
-    t = np.concatenate(
-        [
-            step + end if jumps else part.channels.t
-            for step, end, part in zip(steps, ends, held.parts)
-        ]
+    traces = held.traces
+    starts = find_stretches(traces)
+    t = traces.t + measure_log_starts(found, traces)[traces.log]
+    is_drawn = traces.weight[:, j] > OPEN
+    is_drawn[starts] = False
+    size = float(np.abs(traces.refitted[:, j]).max())
+    scale, unit = torque_unit(size, joint.force)
+    models = (
+        ("refitted", traces.refitted[:, j], plots.PLAIN),
+        ("extended", traces.extended[:, j], joint.colour),
     )
-    q, v = (np.concatenate([getattr(part.channels, name) for part in held.parts]) for name in "qv")
-    judged = np.where(np.concatenate([part.gate for part in held.parts]) > OPEN, 1.0, np.nan)
-    errors = [compute_filtered_error(held, model) for model in (found.before, found.after)]
-    rows = list[list[Chart]]()
-    for joint, j in zip(shown, order):
-        scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()), joint.force)
-        looks = (("model", plots.PLAIN), ("extended model", joint.colour))
-        left = [
-            Trace(name, judged[:, j] * scale * error[:, j], colour)
-            for (name, colour), error in zip(looks, errors)
-        ]
-        spectra = [compute_amplitude_density(held, scale * error[:, j]) for error in errors]
-        curve = found.residual[joint.name].curve
-        over = list_abscissae(joint, q[:, j], v[:, j])
-        if curve is not None:
-            x = v[:, j] if curve.over == "rate" else q[:, j]
-            left.append(
-                Trace("unexplained", scale * np.interp(x, curve.knots, curve.torque), plots.INK)
-            )
-        heard = [
-            Trace(name, density, colour) for (name, colour), (_, density) in zip(looks, spectra)
-        ]
-        looked = f"amplitude, {unit}/√Hz"
-        rows.append(
-            [
-                Chart(joint.name, joint.colour, f"residual, {unit}", t, left, over),
-                Chart(
-                    joint.name, joint.colour, looked, spectra[0][0], heard, {}, "frequency, Hz", "y"
-                ),
-            ]
-        )
-    return Charts("held out" if jumps else found.logs[0], rows)
+    left = list[Trace]()
+    heard = list[Trace]()
+    for name, residual, colour in models:
+        left.append(Trace(name, np.where(is_drawn, scale * residual, np.nan), colour))
+        frequency, density = compute_amplitude_density(traces, scale * residual, starts)
+        heard.append(Trace(name, density, colour))
+    over = list_abscissae(joint, traces.q[:, j], traces.v[:, j])
+    label = f"amplitude, {unit}/√Hz"
+    return [
+        Chart(joint.name, joint.colour, f"residual, {unit}", t, left, over),
+        Chart(joint.name, joint.colour, label, frequency, heard, {}, "frequency, Hz", "y"),
+    ]
+
+
+def find_stretches(traces: ResidualTraces) -> Indices:
+    """Return the first row of each stretch between gaps, (s,)."""
+    is_apart = np.diff(traces.t, prepend=-np.inf) > 1.5 * traces.dt
+    is_other = np.diff(traces.log, prepend=-1) != 0
+    return np.flatnonzero(is_apart | is_other)
+
+
+def measure_log_starts(found: Diagnosis, traces: ResidualTraces) -> Array:
+    """Return the time at which each log begins in a picture, s: its own clock of one, one after another of several."""
+    if len(found.data) == 1:
+        return np.array([found.data[0].t[0]])
+    count = int(traces.log.max()) + 1
+    lengths = [traces.t[traces.log == k].max(initial=0.0) + traces.dt for k in range(count)]
+    return np.cumsum([0.0, *lengths[:-1]])
+
+
+def compute_amplitude_density(
+    traces: ResidualTraces, residual: Array, starts: Indices
+) -> tuple[Array, Array]:
+    """Return frequencies, Hz, and the amplitude density there of a residual, (N,), over its longest stretch."""
+    from scipy.signal import welch
+
+    longest = max(np.split(residual, starts[1:]), key=len)
+    length = min(len(longest), max(8, round(SEGMENT / traces.dt)))
+    frequency, power = welch(longest, 1 / traces.dt, nperseg=length)
+    return frequency[1:], np.sqrt(np.maximum(power[1:], 1e-300))
+
+
+def draw_residuals(charts: Charts, band: float) -> plots.Figure:
+    """Draw a column per joint: the residual over angle, rate and time, and its amplitude over frequency."""
+    figure, panels = plots.panels(4, len(charts.rows), 7.6, gaps=(0.95, 0.6))
+    for column, (left, heard) in zip(panels.T, charts.rows):
+        column[0].set_title(left.title, color=left.colour)
+        for axes, (label, x) in zip(column, left.abscissae.items()):
+            for trace in left.curves:
+                rows = np.flatnonzero(np.isfinite(trace.values))
+                rows = rows[:: max(1, len(rows) // MOST_POINTS)]
+                plots.dots(axes, x[rows], trace.values[rows], trace.colour)
+            axes.set(xlabel=label, ylabel=left.label)
+        for trace in left.curves:
+            shown = plots.thinned(left.t, trace.values, MOST_POINTS)
+            column[2].plot(*shown, color=trace.colour, lw=0.9)
+        for trace in heard.curves:
+            column[3].plot(heard.t, trace.values, color=trace.colour, lw=1.3)
+        for axes in column[:3]:
+            plots.zero_line(axes)
+        column[2].set(xlabel="time, s", ylabel=left.label)
+        column[3].set(xlabel=heard.over, ylabel=heard.label, yscale="log", xlim=(0, band))
+    return figure
+
+
+# -- pictures of torques -----------------------------------------------------------------------------------------------
 
 
 def find_worst_stretch(found: Diagnosis, longest: float = 60.0) -> tuple[Log, Log]:
     """Return the log of which the refitted model leaves most torque, and those `longest` s of it where it does.
 
-    Torques are shares of those that were measured, rms over all logs; logs too short to be judged are not chosen.
+    What is left is a share of the joint's torque.
     """
-    traces = list[tuple[Log, TorqueTrace]]()
-    for log in found.data:
-        with suppress(DataError):
-            traces.append(
-                (
-                    log.ordered(found.before.rig),
-                    trace_torques(found.before, log, choose_filtering(found)),
-                )
-            )
-    size = np.sqrt(np.mean(np.concatenate([one.measured for _, one in traces]) ** 2, axis=0))
-    shares = [np.sum((one.residual / np.maximum(size, 1e-300)) ** 2, axis=1) for _, one in traces]
-    worst = [find_worst(one.t, share, longest) for (_, one), share in zip(traces, shares)]
-    (log, trace) = traces[k := int(np.argmax([score for score, _ in worst]))]
-    (_, rows) = worst[k]
-    start = trace.t[rows][0] if log.t[-1] - log.t[0] > longest else log.t[0]
+    assert found.held_out is not None
+    traces = found.held_out.traces
+    fits = found.held_out.refitted.fit_percent
+    levels = [
+        rmse / max(1 - fits[joint] / 100, 1e-300)
+        for joint, rmse in found.held_out.refitted.torque_rmse.items()
+    ]
+    power = np.sum((traces.refitted / np.maximum(levels, 1e-300)) ** 2, axis=1)
+    worst = {
+        k: find_worst(traces.t[traces.log == k], power[traces.log == k], longest)
+        for k in np.unique(traces.log).tolist()
+    }
+    k = max(worst, key=lambda number: worst[number][0])
+    log = found.data[k].ordered(found.before.rig)
+    since = float(traces.t[traces.log == k][worst[k][1]][0])
+    start = log.t[0] + (since if log.t[-1] - log.t[0] > longest else 0.0)
     return log, log.part((log.t >= start) & (log.t <= start + longest))
 
 
-def choose_filtering(found: Diagnosis) -> Filtering:
-    """Return the filter that a diagnosis judged held-out torque by."""
-    band = DIAGNOSIS_BAND.cutoff if found.held is None else found.held.band
-    return replace(DIAGNOSIS_BAND, cutoff=band, alignment=found.alignment)
+def choose_filtering(found: Diagnosis) -> Filtering | None:
+    """Return the band that a diagnosis looked at; None: the logs are spoilt."""
+    if found.held_out is None:
+        return None
+    return Filtering(cutoff=found.held_out.cutoff_hz, smoothing=SETTINGS.smoothing)
 
 
 def picture_torques(found: Diagnosis, log: Log) -> plots.Drawing:
-    """Return a log's torque, measured and by both models, and what they leave, low-passed as the held-out part is."""
+    """Return a log's torque, measured and by both models, and what they leave."""
     filtering = choose_filtering(found)
+    joints = list_shown_joints(found.after.rig)
 
     @cache
     def make() -> Charts:
         traces = [trace_torques(model, log, filtering) for model in (found.before, found.after)]
-        return chart_torques_of_models(list_shown_joints(found.after.rig), *traces)
+        return chart_torques_of_models(joints, *traces)
 
-    alt = f"Torque and residual of {', '.join(found.after.rig.joints)} over time in {file_name(log.name)}"
+    name = file_name(log.name)
+    alt = f"Torque and residual of {', '.join(found.after.rig.joints)} over time in {name}"
     caption = (
-        f"Torque of {file_name(log.name)} up to {filtering.cutoff:g} Hz: measured, by the refitted and by the extended "
-        "model, and what each leaves. Near standstill dry friction may have any direction: there the models guess."
+        f"Torque of {name}: measured, by the refitted and by the extended model, and what each leaves. "
+        "Near standstill dry friction may have any direction: there the models guess."
     )
     return plots.Drawing(lambda: make().draw(), alt, caption, charts=make)
 
@@ -347,7 +352,7 @@ def chart_torques_of_models(
     whole = np.where(steps > 3 * np.median(steps), np.nan, 1.0)
     for j, joint in enumerate(joints):
         scale, unit = torque_unit(float(np.abs(before.residual[:, j]).max()), joint.force)
-        looks = (("model", before, plots.PLAIN), ("extended model", after, joint.colour))
+        looks = (("refitted", before, plots.PLAIN), ("extended", after, joint.colour))
         torques = [Trace("measured", whole * after.measured[:, j], plots.INK)]
         torques += [Trace(name, whole * one.model[:, j], colour) for name, one, colour in looks]
         left = [
@@ -362,71 +367,3 @@ def chart_torques_of_models(
             ]
         )
     return Charts(after.log, rows)
-
-
-def draw_residuals(
-    found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], held: Evidence
-) -> plots.Figure:
-    """Draw the residuals."""
-    figure, panels = plots.panels(4, len(order), 7.6, gaps=(0.95, 0.6))
-    errors = [compute_filtered_error(held, model) for model in (found.before, found.after)]
-    open_ = np.concatenate([part.gate for part in held.parts]) > OPEN
-    for column, j in zip(panels.T, order):
-        joint = joints[j]
-        scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()), joint.force)
-        drawn = [
-            (scale * error[:, j], colour)
-            for error, colour in zip(errors, (plots.PLAIN, joint.colour))
-        ]
-        column[0].set_title(joint.name, color=joint.colour)
-        rows = np.flatnonzero(open_[:, j])
-        rows = rows[:: max(1, len(rows) // MOST_POINTS)]
-        for axes, name, per in ((column[0], "q", ""), (column[1], "v", "/s")):
-            x = (
-                joint.scale
-                * np.concatenate([getattr(part.channels, name)[:, j] for part in held.parts])[rows]
-            )
-            for error, colour in drawn:
-                plots.dots(axes, x, error[rows], colour)
-            axes.set_xlabel(f"{'rate' if per else 'angle'}, {joint.unit}{per}")
-            curve = found.residual[joint.name].curve
-            if curve is not None and curve.over == ("rate" if per else "angle"):
-                knots, torque, band = (np.array(x) for x in (curve.knots, curve.torque, curve.std))
-                axes.plot(joint.scale * knots, scale * torque, color=plots.INK, lw=1.0)
-                edges = (scale * (torque + side * band) for side in (-2.0, 2.0))
-                axes.fill_between(joint.scale * knots, *edges, color=plots.INK, alpha=0.15)
-        for error, colour in drawn:
-            draw_over_time_and_frequency(column[2:], held, error, open_[:, j], colour)
-        for axes in column[:3]:
-            plots.zero_line(axes)
-        column[2].set_xlabel("time, s")
-        column[3].set(xlabel="frequency, Hz", yscale="log", xlim=(0, held.band))
-        for axes, name in zip(column, ("residual", "residual", "residual", "amplitude")):
-            axes.set_ylabel(f"{name}, {unit}{'/√Hz' if name == 'amplitude' else ''}")
-    return figure
-
-
-def draw_over_time_and_frequency(
-    panels: Sequence[plots.Axes], held: Evidence, error: Array, is_judged: Flags, colour: str
-) -> None:
-    """Draw an error over time, broken where it is not judged, and its amplitude density."""
-    ends = np.cumsum([len(part.gate) for part in held.parts])
-    for part, own, judged in zip(
-        held.parts, np.split(error, ends[:-1]), np.split(is_judged, ends[:-1])
-    ):
-        shown = plots.thinned(part.channels.t, np.where(judged, own, np.nan), MOST_POINTS)
-        panels[0].plot(*shown, color=colour, lw=0.9)
-    panels[1].plot(*compute_amplitude_density(held, error), color=colour, lw=1.3)
-
-
-def compute_amplitude_density(held: Evidence, error: Array) -> tuple[Array, Array]:
-    """Return frequencies, Hz, and the amplitude density there of an error, over its longest stretch."""
-    from scipy.signal import welch
-
-    ends = np.cumsum([len(part.gate) for part in held.parts])
-    part, own = max(zip(held.parts, np.split(error, ends[:-1])), key=lambda each: len(each[1]))
-    frequency, power = welch(
-        own, 1 / part.dt, nperseg=min(len(own), max(8, round(SEGMENT / part.dt)))
-    )
-    kept = (frequency > 0) & (frequency <= held.band)
-    return frequency[kept], np.sqrt(np.maximum(power[kept], 1e-300))

@@ -1,0 +1,265 @@
+"""Causes as groups of columns: their shapes on a grid, their prior, and the columns that they add to a model.
+
+Columns that depend on load read the model's own torque, never the measured one, whose noise would explain itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import isnan, log, pi
+
+import numpy as np
+from scipy import fft
+
+from gimbal_pin.effects import CAUSES, CableSpring, Cause, Effect, RigEffect, Sample
+from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.effects.seen import OperatingRange
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
+
+LOG_PRIORS = {
+    "torque-bias": 2.0,
+    "armature": 2.0,
+    "asymmetric-friction": 1.0,
+    "cogging": 1.0,
+    "load-dependent-friction": 1.0,
+    "base-tilt": 1.0,
+    "torque-ripple": -1.0,
+    "friction-drift": -1.0,
+    "torque-gain": -1.0,
+    "joint-flexibility": -2.0,
+}
+"""Log prior of a cause, nats; 0 for the others. What every peer's base model has comes first; what imitates anything
+comes last."""
+HARMONIC_COST = 1.6
+"""Cost of a harmonic beside the log of its number, nats: the sum of 1/k over 100 harmonics is e^1.6."""
+PART_TURN_COST = 3.0
+"""Cost of a harmonic of which less than one period was travelled, nats: it is a bend like any other."""
+ORDINARY = ("torque-bias", "armature")
+"""Causes that are tried before all others."""
+DRAG_POWERS = (1.3, 1.5, 1.7, 1.85, 2.0, 2.25, 2.5, 3.0, 3.5)
+"""Powers of the rate that are tried: beside one that is far off viscous friction turns negative."""
+PASSIVE = ("stribeck", "quadratic-drag")
+"""Friction laws beside which dry and viscous friction must not turn negative."""
+RESONANCE_SHARE = (0.25, 1.5)
+"""Admissible share of a joint's torque that stands behind its spring."""
+RESONANCE_DAMPING = 0.05
+"""Damping ratio of the resonances that are tried."""
+RESONANCE_BAND = 0.75
+"""Highest resonance, in bands: above it noise of the acceleration looks like one."""
+LARGEST_RIPPLE = 0.5
+"""Largest ripple that a motor has, as a share of its torque: that of a single-phase motor."""
+SMALLEST_PERIODS = 0.35
+"""Periods of a harmonic that must be travelled for it to be tried."""
+HARMONICS = {"cogging": 400, "torque-ripple": 60, "position-dependent-friction": 16}
+"""Highest harmonic that is tried, per turn; above 100 the even ones alone."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One cause with one shape, at one joint or of the whole rig.
+
+    Attributes:
+        cause: The cause; its coefficients are what a fit finds.
+        joint: Number of its joint; None: the whole rig.
+        log_prior: Log of its prior probability up to a constant, nats.
+    """
+
+    cause: Cause
+    joint: int | None
+    log_prior: float
+
+    @property
+    def name(self) -> str:
+        """Name of the cause."""
+        return self.cause.name
+
+    @property
+    def place(self) -> str:
+        """The joint's name, or "rig"."""
+        return self.cause.place
+
+    @property
+    def is_harmonic(self) -> bool:
+        """True if it may be there several times, with other numbers of periods per turn."""
+        return isinstance(self.cause, Harmonic)
+
+    @property
+    def is_ordinary(self) -> bool:
+        """True if it is tried before all others."""
+        return self.name in ORDINARY
+
+    @property
+    def reads_torque(self) -> bool:
+        """True if its columns read the model's own torque."""
+        return (isinstance(self.cause, Effect) and self.cause.loaded) or self.name in DRIVES
+
+    def is_same_form(self, other: Candidate) -> bool:
+        """Return whether another candidate is the same cause at the same place, and refined along the same shapes."""
+        ends = [
+            one.cause.list_ends() if isinstance(one.cause, CableSpring) else ()
+            for one in (self, other)
+        ]
+        return self.is_same(other) and ends[0] == ends[1]
+
+    def is_same(self, other: Candidate) -> bool:
+        """Return whether both are one cause at one place, whatever their shapes."""
+        return (self.name, self.place) == (other.name, other.place)
+
+    def is_admissible(self, coefficients: Array, friction: Array) -> bool:
+        """Return whether such coefficients are physically possible.
+
+        Args:
+            coefficients: Its own.
+            friction: Dry and viscous friction beside it, in their deviations.
+        """
+        if self.name in PASSIVE and len(friction) and friction.min() < -2.0:
+            return False
+        if self.name == "joint-flexibility":
+            return RESONANCE_SHARE[0] < coefficients[0] < RESONANCE_SHARE[1]
+        if self.name == "torque-ripple":
+            return bool(np.hypot(*coefficients) < LARGEST_RIPPLE)
+        if not isinstance(self.cause, Effect):
+            return True
+        return all(_is_within(p) for p in self.cause.shown(coefficients.tolist()))
+
+
+def _is_within(parameter: Parameter) -> bool:
+    """Return whether a parameter has a value that is physically possible; one that is not known may have any."""
+    return isnan(parameter.value) or parameter.lower <= parameter.value <= parameter.upper
+
+
+def compute_resonance(torque: Array, dt: float, cause: Cause) -> Array:
+    """``N(T) - T``: what a load on a spring adds to the torque that moves it rigidly, (m, 1).
+
+    N is the resonance ``1/(1 - s² + 2 i ζ s)`` of the load with the rotor held, s the frequency over its own.
+    """
+    hertz = float(cause.frequency)  # type: ignore[attr-defined]
+    memory = int(1.0 / (RESONANCE_DAMPING * hertz * dt))
+    length = fft.next_fast_len(len(torque) + memory, real=True)
+    ratio = fft.rfftfreq(length, dt) / hertz
+    gain = 1.0 / (1.0 - ratio**2 + 2j * RESONANCE_DAMPING * ratio) - 1.0
+    spectrum = fft.rfft(torque - torque.mean(), length)
+    return np.asarray(fft.irfft(spectrum * gain, length)[: len(torque), None])
+
+
+DRIVES: dict[str, Callable[[Array, float, Cause], Array]] = {
+    "joint-flexibility": compute_resonance,
+}
+"""Name of a drive's cause → its columns from the model's own torque of a joint, (m,)."""
+
+
+def compute_columns(candidates: Sequence[Candidate], sample: Sample, dt: float) -> Array:
+    """Return the columns of candidates at one joint side by side, (m, all k)."""
+    columns = list[Array]()
+    for candidate in candidates:
+        cause = candidate.cause
+        if candidate.name in DRIVES:
+            columns.append(DRIVES[candidate.name](np.asarray(sample.tau), dt, cause))
+        elif isinstance(cause, Effect):
+            columns.append(np.column_stack(cause.basis(sample)))
+    return np.hstack(columns)
+
+
+def count_columns(candidate: Candidate) -> int:
+    """Return the number of a joint's candidate's columns."""
+    return len(candidate.cause.coefficients) if isinstance(candidate.cause, Effect) else 1
+
+
+def list_candidates(rig: Rig, joint: int, seen: OperatingRange) -> list[Candidate]:
+    """Return what is tried at a joint; every cause's prior is shared by its shapes."""
+    name = rig.joints[joint]
+    candidates = list[Candidate]()
+    for kind in CAUSES.values():
+        if not kind.of_joint or issubclass(kind, RigEffect) or kind.is_stated(name, rig):
+            continue
+        tried = [
+            cause for cause in _list_shapes(kind, name, seen) if rig.n > 1 or not cause.coupled
+        ]
+        offset = LOG_PRIORS.get(kind.name, 0.0)
+        for cause in tried:
+            prior = offset - log(len(tried))
+            if isinstance(cause, Harmonic):
+                prior = offset - _compute_harmonic_cost(cause, seen)
+            candidates.append(Candidate(cause, joint, prior))
+    return candidates
+
+
+def _compute_harmonic_cost(cause: Harmonic, seen: OperatingRange) -> float:
+    """Return what a harmonic costs beside its cause's prior, nats."""
+    k = cause.harmonic[0]
+    return log(k) + HARMONIC_COST + PART_TURN_COST * (k * seen.travel < 2 * pi)
+
+
+def _list_shapes(kind: type[Cause], joint: str, seen: OperatingRange) -> list[Cause]:
+    """Return the shapes of a cause that are tried at a joint."""
+    if issubclass(kind, Harmonic):
+        highest = HARMONICS.get(kind.name, 0)
+        orders = [*range(1, min(highest, 100) + 1), *range(102, highest + 1, 2)]
+        tried = [k for k in orders if k * seen.travel > 2 * pi * SMALLEST_PERIODS]
+        return [kind(joint, (float(k),)) for k in tried]
+    match kind.name:
+        case "joint-flexibility":
+            resonance = RESONANCE_BAND * seen.band
+            return [kind.inside(joint, float(hertz)) for hertz in np.geomspace(2.5, resonance, 6)]
+        case "quadratic-drag":
+            return [kind.inside(joint, power) for power in DRAG_POWERS]
+        case "friction-drift":
+            return _list_drifts(kind, joint, seen)
+    if not issubclass(kind, Effect):
+        return []
+    return list(kind.tried(joint, seen))
+
+
+def _list_drifts(kind: type[Cause], joint: str, seen: OperatingRange) -> list[Cause]:
+    """Return drifts over time, and over the temperature or what the motor itself turned into heat."""
+    if seen.seconds <= 20.0:
+        return []
+    spans = (seen.seconds / 6, seen.seconds / 2, 10 * seen.seconds)
+    over_time: list[Cause] = [kind.inside(joint, span) for span in spans]
+    if seen.warm:
+        return [*over_time, kind.inside(joint, thermal=True)]
+    own = [kind.inside(joint, span, held=seen.rms) for span in spans[:2] if seen.rms]
+    return [*over_time, *own]
+
+
+REFINEMENTS = {
+    "stribeck": ("speed", 1.6),
+    "presliding": ("stroke", 1.6),
+    "friction-drift": ("span", 1.6),
+    "quadratic-drag": ("power", 1.25),
+    "joint-flexibility": ("frequency", 1.15),
+    "cable-spring": ("", 1.1),
+}
+"""Name of a cause → what of its shape is refined, and the factor of the first step, less than the grid's.
+
+The ends of a slack spring move by that share of the travel.
+"""
+
+
+def vary_shape(candidate: Candidate, step: float, seen: OperatingRange) -> list[Candidate]:
+    """Return the candidate with its refined shape parameters a step higher and lower, as far as that is admissible."""
+    if candidate.name not in REFINEMENTS:
+        return []
+    name = REFINEMENTS[candidate.name][0]
+    cause = candidate.cause
+    if isinstance(cause, CableSpring):
+        shift = (step - 1.0) * seen.travel
+        moved = [(end, shift * sign) for end in cause.list_ends() for sign in (-1, 1)]
+        values = [(end, float(getattr(cause, end)) + by) for end, by in moved]
+    else:
+        values = [(name, factor * float(getattr(cause, name))) for factor in (1 / step, step)]
+    varied = [cause.moved(end, value) for end, value in values if _is_in_range(cause, value, seen)]
+    return [replace(candidate, cause=one) for one in varied if one != cause]
+
+
+def _is_in_range(cause: Cause, value: float, seen: OperatingRange) -> bool:
+    """Return whether logs can show a shape: a resonance inside the band, a speed that is told from none."""
+    match cause.name:
+        case "joint-flexibility":
+            return value <= RESONANCE_BAND * seen.band
+        case "stribeck":
+            return max(3 * seen.rate_std, 0.01 * seen.rate) < value < seen.rate
+    return True

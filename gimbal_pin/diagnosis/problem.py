@@ -1,0 +1,410 @@
+"""Parts that every model of a log has: rigid columns, friction, a time shift per joint, and the prior of the URDF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gimbal_pin.diagnosis.rows import Rows
+from gimbal_pin.diagnosis.score import BlockFit, fit_blocks
+from gimbal_pin.diagnosis.settings import Settings
+from gimbal_pin.dynamics.reduction import Reduction
+from gimbal_pin.dynamics.regressor import (
+    compute_gravity,
+    compute_inertia_regressor,
+    compute_regressor,
+    name_columns,
+)
+from gimbal_pin.effects import Sample
+from gimbal_pin.effects.base import AMBIENT
+from gimbal_pin.effects.seen import OperatingRange
+from gimbal_pin.log.log import Array
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.regression import find_base_columns
+from gimbal_pin.rig.rig import Rig
+
+OWN_COLUMNS = 3
+"""Columns of each joint in every model: dry friction, viscous friction, time shift."""
+SHIFT = 2
+"""Place of the time shift among them."""
+KIND_SHARE = 0.03
+"""Smallest size of a base parameter, as a share of the largest typical size of its kind over all links."""
+FIRST_NOISE = 0.05
+"""Noise that the first fit assumes, as a share of the torque's rms, before there is an estimate."""
+FELT_WEIGHT = 1e-6
+"""Gravity torque, as a share of the largest, below which it is rounding."""
+INERTIA_SAMPLES = 50
+"""Poses over which a joint's inertia is averaged."""
+TORQUE_PASSES = 2
+"""Fits until the columns that read the model's torque are built from the torque that they are part of."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Rows of logs and the columns of the model that all hypotheses share.
+
+    Attributes:
+        rows: The rows.
+        reduction: Base parameters.
+        settings: Constants.
+        regressor: Rigid columns at the samples of each stretch, (m, n, b).
+        known: Torque of the URDF's bodies and stated rotors at these, N m, (m, n).
+        rigid: Rows of the rigid columns at each joint, n of (N, b).
+        friction: Rows of dry and viscous friction at each joint, n of (N, 2).
+        target: Rows of the measured torque less `known`, (N, n).
+        measured: Rows of the measured torque, (N, n).
+        urdf: Base parameters of the URDF, (b,).
+        precision: Prior precision of a base parameter's difference from it, (b,).
+        ranges: What the logs show of each joint.
+        inertia: Each joint's own inertia per base parameter, mean over the logs, (n, b).
+        weight: Torque that the URDF's bodies ask for at rest along each stretch, N m, (m, n).
+    """
+
+    rows: Rows
+    reduction: Reduction
+    settings: Settings
+    regressor: tuple[Array, ...]
+    known: tuple[Array, ...]
+    rigid: tuple[Array, ...]
+    friction: tuple[Array, ...]
+    target: Array
+    measured: Array
+    urdf: Array
+    precision: Array
+    ranges: tuple[OperatingRange, ...]
+    inertia: Array
+    weight: tuple[Array, ...]
+
+    @property
+    def rig(self) -> Rig:
+        """The rig."""
+        return self.rows.rig
+
+    @property
+    def joints(self) -> range:
+        """Numbers of the joints."""
+        return range(self.rows.rig.n)
+
+    @property
+    def base_count(self) -> int:
+        """Number of base parameters."""
+        return len(self.urdf)
+
+    @property
+    def own_count(self) -> int:
+        """Number of columns without any cause."""
+        return self.base_count + OWN_COLUMNS * self.rows.rig.n
+
+    def get_own_columns(self, joint: int) -> slice:
+        """Return the places of a joint's friction and time shift."""
+        first = self.base_count + OWN_COLUMNS * joint
+        return slice(first, first + OWN_COLUMNS)
+
+    def compute_rms(self, rows: Array) -> Array:
+        """Return the rms of inner rows (N, n) per effective row at each joint, (n,)."""
+        power = np.mean(rows**2, axis=0) / np.maximum(self.rows.used, 1e-9)
+        return np.asarray(np.sqrt(power)) + 1e-12
+
+    @property
+    def torque_rms(self) -> Array:
+        """Rms of the measured torque, N m, (n,)."""
+        return self.compute_rms(self.measured[self.rows.inner])
+
+    def sample(self, stretch: int, joint: int, torque: Array) -> Sample:
+        """Return what a joint's effects read along a stretch; `torque`: the model's own, N m, (m, n)."""
+        part = self.rows.stretches[stretch]
+        x = part.samples
+        warm = AMBIENT if part.temperature is None else part.temperature[:, joint]
+        return Sample(
+            part.time,
+            x.q[:, joint],
+            x.v[:, joint],
+            x.a[:, joint],
+            part.direction[:, joint],
+            torque[:, joint],
+            warm,
+            weight=self.weight[stretch][:, joint],
+            losses=part.losses[joint],
+        )
+
+
+def build_problem(
+    rows: Rows, reduction: Reduction, settings: Settings, platforms: Sequence[Platform | None]
+) -> Problem:
+    """Evaluate the rigid columns along the rows' stretches.
+
+    Args:
+        rows: The rows.
+        reduction: Base parameters.
+        settings: Constants.
+        platforms: Motion of the base along each stretch; None: it stands upright.
+    """
+    rig = rows.rig
+    places = find_base_columns(rig, reduction)
+    urdf = reduction.mixing @ rig.phi[name_columns(rig)[1]]
+    regressor = tuple(
+        compute_regressor(rig, part.samples.q, part.samples.v, part.samples.a, platform, places)
+        for part, platform in zip(rows.stretches, platforms)
+    )
+    known = tuple(
+        Y @ urdf + rig.armature * part.samples.a for Y, part in zip(regressor, rows.stretches)
+    )
+    tau = [part.samples.tau for part in rows.stretches]
+    left = [x - y for x, y in zip(tau, known)]
+    motion = [
+        [np.column_stack([part.direction[:, j], part.samples.v[:, j]]) for part in rows.stretches]
+        for j in range(rig.n)
+    ]
+    upright = _find_upright_joints(rows, platforms)
+    return Problem(
+        rows=rows,
+        reduction=reduction,
+        settings=settings,
+        regressor=regressor,
+        known=known,
+        rigid=tuple(rows.project([Y[:, j] for Y in regressor], j) for j in range(rig.n)),
+        friction=tuple(rows.project(motion[j], j) for j in range(rig.n)),
+        target=_project_joints(rows, left),
+        measured=_project_joints(rows, tau),
+        urdf=urdf,
+        precision=_compute_prior_precision(rig, reduction, urdf, settings),
+        ranges=tuple(_measure_range(rows, j, upright[j]) for j in range(rig.n)),
+        inertia=_average_inertia(rows, places),
+        weight=tuple(
+            compute_gravity(rig, part.samples.q, platform)
+            for part, platform in zip(rows.stretches, platforms)
+        ),
+    )
+
+
+def _average_inertia(rows: Rows, places: Array) -> Array:
+    """Return the mean of each joint's own inertia per base parameter, (n, b)."""
+    q = rows.join("q")
+    q = q[:: max(1, len(q) // INERTIA_SAMPLES)]
+    rig = rows.rig
+    columns = [
+        compute_inertia_regressor(rig, q, j, places)[:, j].mean(axis=0) for j in range(rig.n)
+    ]
+    return np.array(columns)
+
+
+def _project_joints(rows: Rows, signals: Sequence[Array]) -> Array:
+    """Return the rows of torques (m, n) per stretch, (N, n)."""
+    joints = range(rows.rig.n)
+    return np.hstack([rows.project([x[:, j] for x in signals], j) for j in joints])
+
+
+def _compute_prior_precision(
+    rig: Rig, reduction: Reduction, urdf: Array, settings: Settings
+) -> Array:
+    """Return the prior precision of each base parameter, (b,).
+
+    A parameter's size is its URDF value, the rms of its kind over its link, or a share of the largest of its kind,
+    whichever is greatest: a URDF states many parameters as zero that are none.
+    """
+    names = [reduction.names[k] for k in reduction.independent]
+    kinds = [_get_kind(name) for name in names]
+    rms = {
+        kind: float(np.sqrt(np.mean([x**2 for x, own in zip(urdf, kinds) if own == kind])))
+        for kind in {*kinds}
+    }
+    largest = {symbol: max(x for (_, s), x in rms.items() if s == symbol) for _, symbol in kinds}
+    size = [
+        max(abs(x), rms[kind], KIND_SHARE * largest[kind[1]], 1e-12)
+        for x, kind in zip(urdf.tolist(), kinds)
+    ]
+    is_trusted = rig.config.inertia == "trusted"
+    width = settings.trusted_width if is_trusted else settings.prior_width
+    return np.asarray(1.0 / (width * np.array(size)) ** 2)
+
+
+def _get_kind(name: str) -> tuple[str, str]:
+    """Return link and kind of an inertial parameter: inertia, first moment or mass."""
+    link, symbol = name.rsplit(".", 1)
+    return link, symbol if symbol == "m" else symbol[0]
+
+
+def _find_upright_joints(rows: Rows, platforms: Sequence[Platform | None]) -> list[bool]:
+    """Return whether each joint's axis is vertical throughout, so that gravity is no torque there."""
+    if any(platform is not None for platform in platforms):
+        return [False] * rows.rig.n
+    q = rows.join("q")
+    pull = np.abs(compute_gravity(rows.rig, q[:: max(1, len(q) // INERTIA_SAMPLES)]))
+    return (pull.max(axis=0) <= FELT_WEIGHT * pull.max()).tolist()
+
+
+def _measure_range(rows: Rows, joint: int, is_upright: bool) -> OperatingRange:
+    """Return what the logs show of a joint."""
+    seen = rows.inner_samples
+    q, v, tau = (rows.join(name)[seen, joint] for name in ("q", "v", "tau"))
+    std = float(np.mean([part.samples.rate_std[joint] for part in rows.stretches]))
+    return OperatingRange(
+        seconds=rows.seconds,
+        dt=rows.stretches[0].dt,
+        band=rows.band,
+        travel=float(np.ptp(q)),
+        rate=float(np.quantile(np.abs(v), 0.98)),
+        rate_std=std,
+        torque=float(np.quantile(np.abs(tau), 0.98)),
+        peak=float(np.quantile(np.abs(tau), 0.995)),
+        upright=is_upright,
+        middle=float(q.max() + q.min()) / 2,
+        rms=float(np.sqrt(np.mean(tau**2))),
+        warm=any(
+            part.temperature is not None and np.ptp(part.temperature[:, joint]) > 0
+            for part in rows.stretches
+        ),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """Filter of each joint's rows that makes the noise white.
+
+    Attributes:
+        frequencies: Evenly spaced, Hz, (f,).
+        gains: Gain of each joint at these, 1/(N m), (n, f).
+        floor: What no regression on the motion predicts of each joint, N m rms, (n,).
+    """
+
+    frequencies: Array
+    gains: Array
+    floor: Array
+
+    def apply(self, rows: Rows, columns: Array, joint: int) -> Array:
+        """Return whitened inner rows of columns (N, k)."""
+        filtered = rows.filter(columns, self.gains[joint], self.frequencies)
+        return filtered[rows.inner]
+
+
+def build_flat_whitening(problem: Problem) -> Whitening:
+    """Return the whitening before there is an estimate: noise of `FIRST_NOISE` at every frequency."""
+    gains = 1.0 / (FIRST_NOISE * problem.torque_rms)
+    return Whitening(
+        np.array([0.0, problem.rows.band]), np.stack([gains, gains], axis=1), problem.torque_rms
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns of one cause along the logs.
+
+    Attributes:
+        torques: Torque per coefficient along each stretch, N m, (m, n, k) for the rig and (m, k) at one joint.
+        rows: Joint → rows of it, (N, k).
+        joint: The joint; None: the whole rig.
+        offset: Torque beside the coefficients' along each stretch, N m, (m, n), where the cause is not linear.
+        precision: Prior precision of each coefficient; 0 where it is free.
+    """
+
+    torques: tuple[Array, ...]
+    rows: dict[int, Array]
+    joint: int | None
+    offset: tuple[Array, ...] = ()
+    precision: float = 0.0
+
+    @property
+    def width(self) -> int:
+        """Number of coefficients."""
+        return int(self.torques[0].shape[-1])
+
+    def add_to(self, torque: Sequence[Array], values: Array) -> list[Array]:
+        """Return torques (m, n) per stretch with these coefficients added."""
+        out = [x.copy() for x in torque]
+        for x, own in zip(out, self.torques):
+            if self.joint is None:
+                x += own @ values
+            else:
+                x[:, self.joint] += own @ values
+        for x, own in zip(out, self.offset):
+            x += own
+        return out
+
+
+def build_base_rows(
+    problem: Problem, torque: Sequence[Array], added: Sequence[Columns]
+) -> list[Array]:
+    """Return the rows of a model's columns at each joint, n of (N, p): rigid, friction and shift, causes."""
+    rows = problem.rows
+    count = len(rows.inner)
+    n = rows.rig.n
+    out = list[Array]()
+    for j in problem.joints:
+        own = np.zeros((count, OWN_COLUMNS * n))
+        first = OWN_COLUMNS * j
+        own[:, first : first + SHIFT] = problem.friction[j]
+        slopes = [np.gradient(x[:, j], part.dt) for x, part in zip(torque, rows.stretches)]
+        own[:, first + SHIFT] = rows.project(slopes, j)[:, 0]
+        groups = [x.rows.get(j, np.zeros((count, x.width))) for x in added]
+        out.append(np.hstack([problem.rigid[j], own, *groups]))
+    return out
+
+
+def build_precision(problem: Problem, added: Sequence[Columns]) -> Array:
+    """Return the prior precision of a model's coefficients, (p,); friction is free."""
+    own = np.zeros(problem.own_count)
+    precision = np.concatenate([own, *(np.full(x.width, x.precision) for x in added)])
+    precision[: problem.base_count] = problem.precision
+    for j in problem.joints:
+        place = problem.get_own_columns(j).start + SHIFT
+        precision[place] = 1.0 / problem.settings.shift_prior_seconds**2
+    return precision
+
+
+def compute_torque(problem: Problem, theta: Array, added: Sequence[Columns]) -> list[Array]:
+    """Return a model's own torque along each stretch, without its time shifts, N m, (m, n)."""
+    out = list[Array]()
+    for Y, known, part in zip(problem.regressor, problem.known, problem.rows.stretches):
+        torque = known + Y @ theta[: problem.base_count]
+        for j in problem.joints:
+            dry, viscous, _ = theta[problem.get_own_columns(j)]
+            torque[:, j] += dry * part.direction[:, j] + viscous * part.samples.v[:, j]
+        out.append(torque)
+    first = problem.own_count
+    for columns in added:
+        out = columns.add_to(out, theta[first : first + columns.width])
+        first += columns.width
+    return out
+
+
+def build_target(problem: Problem, added: Sequence[Columns]) -> Array:
+    """Return the rows of the measured torque less what is known and the causes' offsets, (N, n)."""
+    target = problem.target
+    for columns in added:
+        if columns.offset:
+            target = target - _project_joints(problem.rows, columns.offset)
+    return target
+
+
+def fit_rows(
+    problem: Problem,
+    whitening: Whitening,
+    base: Sequence[Array],
+    target: Array,
+    precision: Array,
+    weight: Array | None = None,
+) -> BlockFit:
+    """Fit a model's rows.
+
+    Args:
+        problem: The rows' problem.
+        whitening: Their whitening.
+        base: Rows of the model's columns at each joint, n of (N, p).
+        target: Rows of the torque, (N, n).
+        precision: Prior precision of the coefficients, (p,).
+        weight: Start of the joints' weights; None: 1.
+    """
+    rows = problem.rows
+    white = [whitening.apply(rows, B, j) for j, B in enumerate(base)]
+    whitened = np.hstack([whitening.apply(rows, target[:, [j]], j) for j in problem.joints])
+    return fit_blocks(white, whitened, rows.folds, rows.count_effective_rows(), precision, weight)
+
+
+def replace_torque(problem: Problem, joint: int, torque: Sequence[Array]) -> Problem:
+    """Return the problem with another torque that acts at a joint, N m, (m,) per stretch."""
+    left = [x - known[:, joint] for x, known in zip(torque, problem.known)]
+    target = problem.target.copy()
+    target[:, joint] = problem.rows.project(left, joint)[:, 0]
+    return replace(problem, target=target)

@@ -1,0 +1,216 @@
+"""Rivals of a finding: other causes in its place, and how probable each is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from gimbal_pin.diagnosis.candidates import Candidate
+from gimbal_pin.diagnosis.library import Shelf
+from gimbal_pin.diagnosis.score import pack_columns
+from gimbal_pin.diagnosis.search import (
+    Hit,
+    Search,
+    Solution,
+    compute_solution_gain,
+)
+from gimbal_pin.log.log import Array
+
+DRAWS = 1000
+"""Draws of the Bayesian bootstrap: a probability of .05 is known to .007."""
+MOST_RIVALS = 5
+"""Most rivals of one finding whose shapes are refined."""
+MOST_EXCHANGES = 6
+"""Most exchanges of a finding for a better rival."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """A finding and what else could stand at its place.
+
+    Attributes:
+        own: The accepted causes that make up the finding: several harmonics of one cause.
+        joint: Number of the joint at which it adds most torque.
+        without: The model without it.
+        gain: Its gain beside all others by fold, nats, (K,).
+        rivals: The best shape of every other cause there.
+        probabilities: Of the finding and each rival, in this order.
+    """
+
+    own: tuple[Candidate, ...]
+    joint: int
+    without: Solution
+    gain: Array
+    rivals: tuple[Hit, ...]
+    probabilities: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the cause."""
+        return self.own[0].name
+
+    @property
+    def place(self) -> str:
+        """Joint's name, or "rig"."""
+        return self.own[0].place
+
+    @property
+    def log_prior(self) -> float:
+        """Log prior of its strongest part."""
+        return self.own[0].log_prior
+
+
+def list_contests(search: Search, solution: Solution, shelves: Sequence[Shelf]) -> list[Contest]:
+    """Return every finding of a model with its rivals.
+
+    Args:
+        search: The search.
+        solution: The model.
+        shelves: All candidates' columns beside it.
+    """
+    groups = dict[tuple[str, str], list[Candidate]]()
+    for candidate in solution.accepted:
+        groups.setdefault((candidate.name, candidate.place), []).append(candidate)
+    return [_hold_contest(search, solution, shelves, own) for own in groups.values()]
+
+
+def _hold_contest(
+    search: Search, solution: Solution, shelves: Sequence[Shelf], own: Sequence[Candidate]
+) -> Contest:
+    """Return a finding with its rivals."""
+    without = search.fit_without(solution, own)
+    joint = own[0].joint
+    at = joint
+    if at is None:
+        lowered = (without.errors**2 - solution.errors**2) / search.problem.torque_rms**2
+        at = int(np.argmax(lowered))
+    gain = _measure_group(search, solution, without, own)
+    near = [shelf for shelf in shelves if joint is None or shelf.joint == joint]
+    hits = [hit for hit in search.screen(without, near) if hit.candidate.name != own[0].name]
+    rivals = list[Hit]()
+    for hit in search.refine(without, hits, MOST_RIVALS):
+        if not any(hit.candidate.name == other.candidate.name for other in rivals):
+            rivals.append(hit)
+    probabilities = weigh(gain, own[0].log_prior, rivals)
+    return Contest(tuple(own), at, without, gain, tuple(rivals), probabilities)
+
+
+def _measure_group(
+    search: Search, solution: Solution, without: Solution, own: Sequence[Candidate]
+) -> Array:
+    """Return the gain of some accepted causes together beside a model without them, by fold."""
+    every = [x for one, x in zip(solution.accepted, solution.columns) if one in own]
+    count = len(search.problem.rows.inner)
+    joined = {
+        j: np.hstack([x.rows.get(j, np.zeros((count, x.width))) for x in every])
+        for j in {j for x in every for j in x.rows}
+    }
+    white = {j: search.whitening.apply(search.problem.rows, x, j) for j, x in joined.items()}
+    width = sum(x.width for x in every)
+    pack = pack_columns(white, [width], without.fit.target, without.fit.folds)
+    return without.fit.measure(pack).by_fold[0]
+
+
+def weigh(gain: Array, log_prior: float, rivals: Sequence[Hit]) -> tuple[float, ...]:
+    """Return the probability of a finding and of each rival: stacking weights by the Bayesian bootstrap over blocks.
+
+    Pseudo-BMA+ of Yao, Vehtari, Simpson and Gelman (Bayesian Analysis 13, 2018), with the causes' priors. The draws are
+    those of a fixed generator: they estimate an integral, and nothing random is wanted in an answer.
+
+    Args:
+        gain: The finding's gain by fold, nats, (K,).
+        log_prior: Its log prior.
+        rivals: The rivals.
+    """
+    by_fold = np.array([gain, *(hit.by_fold for hit in rivals)])
+    prior = np.array([log_prior, *(hit.candidate.log_prior for hit in rivals)])
+    return weigh_gains(by_fold, prior)
+
+
+def weigh_gains(by_fold: Array, prior: Array) -> tuple[float, ...]:
+    """Return the probabilities of models with gains by fold (m, K), nats, and log priors (m,): see `weigh`."""
+    folds = by_fold.shape[1]
+    weights = folds * np.random.default_rng(0).dirichlet(np.ones(folds), DRAWS)
+    score = weights @ by_fold.T + prior
+    odds = np.exp(score - score.max(axis=1, keepdims=True))
+    return tuple((odds / odds.sum(axis=1, keepdims=True)).mean(axis=0).tolist())
+
+
+def is_close(search: Search, nats: float, std: float, probability: float) -> bool:
+    """Return whether a finding is not told from a rival: it is not improbable, or the difference is not clear.
+
+    Args:
+        search: The search.
+        nats: Gain of the finding less that of the rival.
+        std: Standard error of that.
+        probability: Probability of the rival.
+    """
+    settings = search.problem.settings
+    is_told = nats > max(settings.kept_nats, search.count_deviations(1) * std)
+    return probability > settings.rival_probability or not is_told
+
+
+def exchange_for_better(
+    search: Search, solution: Solution, shelves: Sequence[Shelf]
+) -> tuple[Solution, tuple[Shelf, ...]]:
+    """Exchange findings for rivals, or two for one, while the whole model then predicts better."""
+    for _ in range(MOST_EXCHANGES):
+        contests = list_contests(search, solution, shelves)
+        better = _exchange_one(search, solution, contests)
+        if better is None:
+            better = _exchange_two(search, solution, contests, shelves)
+        if better is None:
+            break
+        solution = better
+        shelves = search.renew_shelves(shelves, solution)
+    return solution, tuple(shelves)
+
+
+def _exchange_one(
+    search: Search, solution: Solution, contests: Sequence[Contest]
+) -> Solution | None:
+    """Return a better model with a rival in place of one finding."""
+    for contest in contests:
+        own_score = float(contest.gain.sum()) + contest.log_prior
+        for hit in contest.rivals:
+            if hit.score <= own_score:
+                continue
+            better = _try_exchange(search, solution, contest.own, hit)
+            if better is not None:
+                return better
+    return None
+
+
+def _exchange_two(
+    search: Search, solution: Solution, contests: Sequence[Contest], shelves: Sequence[Shelf]
+) -> Solution | None:
+    """Return a better model with one cause in place of two findings at a joint."""
+    for first, second in combinations(contests, 2):
+        joint = first.own[0].joint
+        if joint is None or second.own[0].joint != joint:
+            continue
+        both = (*first.own, *second.own)
+        without = search.fit_without(solution, both)
+        near = [shelf for shelf in shelves if shelf.joint == joint]
+        for hit in search.refine(without, search.screen(without, near, with_rig=False)):
+            better = _try_exchange(search, solution, both, hit)
+            if better is not None:
+                return better
+    return None
+
+
+def _try_exchange(
+    search: Search, solution: Solution, left_out: Sequence[Candidate], hit: Hit
+) -> Solution | None:
+    """Return the model with one cause in place of others, where it predicts better by more than their priors."""
+    kept = [one for one in solution.accepted if one not in left_out]
+    if not search.is_clear(hit, search.problem.settings.kept_nats):
+        return None
+    if any(hit.candidate.is_same(one) for one in kept):
+        return None
+    prior = hit.candidate.log_prior - sum(one.log_prior for one in left_out)
+    tried = search.solve([*kept, hit.candidate], solution)
+    return tried if compute_solution_gain(solution, tried) + prior > 0 else None
