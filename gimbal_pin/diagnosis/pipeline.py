@@ -158,7 +158,8 @@ def describe_residuals(explanation: Explanation, rest: Sequence[Rest]) -> dict[s
     for joint, left, floor in zip(search.problem.rig.joints, rest, floors):
         over = left.groups[0] if left.groups and left.predictable > 0 else ""
         state = "structured" if left.is_unknown else "noise"
-        residuals[joint] = Residual(state, left.left, floor, left.predictable, over)
+        noise = min(floor, left.left)
+        residuals[joint] = Residual(state, left.left, noise, left.predictable, over)
     return residuals
 
 

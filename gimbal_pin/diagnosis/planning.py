@@ -181,7 +181,13 @@ def list_untestable(
     for candidates, pack in list_groups(explanation):
         shares = fit.measure(pack).remaining
         shown = [one for one, share in zip(candidates, shares) if share >= LEAST_LEFT]
-        visible |= {(one.name, one.place) for one in shown}
+        # A gain is hidden if the one of both directions is, whatever shows of one direction.
+        coupled = {(one.name, one.place) for one in candidates if one.cause.coupled}
+        visible |= {
+            (one.name, one.place)
+            for one in shown
+            if one.cause.coupled or (one.name, one.place) not in coupled
+        }
     hidden = list[Untestable]()
     for kind in CAUSES.values():
         if kind.of_given_model or not (issubclass(kind, Effect | RigEffect) or kind.name in DRIVES):

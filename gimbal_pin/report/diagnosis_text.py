@@ -7,9 +7,10 @@ from math import isfinite, isnan
 from typing import TYPE_CHECKING, Any
 
 from gimbal_pin.diagnosis.result import MEASURED_CAUSE
+from gimbal_pin.dynamics.model import is_inertia_positive
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import NORMAL_95
-from gimbal_pin.report.format import DASH, figures, interval, listed, to_sentence, torque_unit
+from gimbal_pin.report.format import DASH, figures, interval, listed, nats, to_sentence, torque_unit
 
 if TYPE_CHECKING:
     from gimbal_pin.checks import Fault
@@ -17,6 +18,11 @@ if TYPE_CHECKING:
     from gimbal_pin.effects.parameter import Parameter
 
 NOTHING_FOUND = "No error was found in the refitted model beyond the limits below."
+UNUSABLE_MODEL = (
+    "The extended model cannot move: the log does not determine its inertias, and some are not positive. "
+    "Record faster motion before you simulate or tune with it."
+)
+"""Remark on a model whose mass matrix is not positive."""
 PLATFORM_COUNTS = "The platform's motion is taken from its IMU; its gain stands below."
 PLATFORM_COMPENSATION = (
     "a controller that reads the platform's IMU: see 'gimbal-pin track RIG --platform'"
@@ -78,7 +84,9 @@ def list_deciding_faults(found: Diagnosis) -> tuple[Fault, ...]:
 
 def list_remarks(found: Diagnosis) -> list[str]:
     """Return what is to be known beside the verdict, in sentences."""
-    remarks = [to_sentence(one) for one in found.statements]
+    remarks = [f"Verdict: {found.verdict}.", *map(to_sentence, found.statements)]
+    if found.held_out is not None and not is_inertia_positive(found.after.rig):
+        remarks.append(UNUSABLE_MODEL)
     return [*remarks, PLATFORM_COUNTS] if found.lacking != found.stated else remarks
 
 
@@ -113,7 +121,7 @@ def describe_finding(found: Diagnosis, finding: Finding) -> str:
 
 def describe_unconfirmed(finding: Finding) -> str:
     """Say what a selected cause gains that is not stated as the cause."""
-    gain = " ".join(interval(finding.nats, NORMAL_95 * finding.std))
+    gain = " ".join(nats(finding.nats, finding.std))
     share = f"{figures(100 * finding.share, 2)} %"
     head = head_finding(finding)
     return f"{head}, selected with a gain of {gain} nats, but it explains {share} of the predictable error"
@@ -165,7 +173,7 @@ def list_alternatives(finding: Finding) -> list[str]:
 
 def _state_nats(rival: Rival) -> str:
     """Return by how much a rival predicts worse, ± 95 %."""
-    return f"{' '.join(interval(max(rival.nats, 0.0), NORMAL_95 * rival.std))} nats"
+    return f"{' '.join(nats(max(rival.nats, 0.0), rival.std))} nats"
 
 
 def get_experiment(finding: Finding) -> str | None:

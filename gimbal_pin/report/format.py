@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from gimbal_pin.errors import NORMAL_95
+
 if TYPE_CHECKING:
     from gimbal_pin.checks import Alteration
     from gimbal_pin.rig.rig import Rig
@@ -72,6 +74,11 @@ def interval(value: float, half: float) -> tuple[str, str]:
     decimals = max(0, top - power + 1)
     tail = f"·10{str(top).translate(SUPERSCRIPT)}"
     return signed(value / unit, decimals) + tail, f"± {half / unit:.{decimals}f}{tail}"
+
+
+def nats(gain: float, std: float) -> tuple[str, str]:
+    """Return a gain and half its interval of 95 %, nats, to a tenth at most: less is rounding."""
+    return interval(round(gain, 1), max(round(NORMAL_95 * std, 1), 0.1))
 
 
 def format_range(values: Iterable[float], digits: int = 2) -> str:

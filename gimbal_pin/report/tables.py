@@ -21,6 +21,7 @@ from gimbal_pin.report.format import (
     interval,
     list_shown_joints,
     listed,
+    nats,
     percent,
     torque_text,
     torque_unit,
@@ -294,7 +295,7 @@ def rivals(finding: Finding) -> Table:
             rival.probability, f"{chance} %" if rival.probability >= 1e-3 else "under 0.1 %"
         )
         out = toned("no", "fair") if rival.cause in finding.alike else toned("yes", "good")
-        worse = interval(rival.nats, NORMAL_95 * rival.std)
+        worse = nats(rival.nats, rival.std)
         rows.append([rival.cause, *worse, probable, out])
     head = ["Instead of it", "Worse by, nats", "± 95 %", "Probability", "Ruled out by this log"]
     label = f"Causes that were fitted in the place of {finding.cause}"

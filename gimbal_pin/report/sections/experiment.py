@@ -27,8 +27,12 @@ def _describe_parting(one: Parting) -> list[str]:
     pair = f"{one.cause} from {one.rival}"
     if one.nats_expected is None:
         return [f"{who}: no motion separates {pair}.", *_list_instead(one)]
-    now = "" if one.nats_now is None else f"; so far it is {figures(one.nats_now)} nats"
-    gain = f"the expected gain is {figures(one.nats_expected)} nats{now}"
+    now = (
+        ""
+        if one.nats_now is None
+        else f"; so far it is {figures(max(round(one.nats_now, 1), 0.0))} nats"
+    )
+    gain = f"the expected gain is {figures(max(round(one.nats_expected, 1), 0.0))} nats{now}"
     if one.is_named:
         return [f"{who}: the motion separates {pair}: {gain}."]
     return [f"{who}: the motion hardly separates {pair}: {gain}.", *_list_instead(one)]
