@@ -337,7 +337,7 @@ def _describe_mount(explanation: Explanation, mount: Mount) -> Finding:
     share = compute_share(before, float(final.errors[j]), explanation.rest[j])
     tilt = measure_tilt(search, final, mount)
     parameters = tuple(replace(p, std=tilt.std.get(p.name, nan)) for p in tilt.cause.shown())
-    evidence = _Evidence(gain, 1.0, j, before, max(share, mount.share), (), ())
+    evidence = _Evidence(gain, 1.0, j, before, share, (), ())
     return _build_finding(explanation, tilt.cause.name, None, evidence, parameters, tilt.cause)
 
 

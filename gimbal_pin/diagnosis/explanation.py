@@ -20,7 +20,15 @@ from gimbal_pin.diagnosis.rest import Rest, describe_rest
 from gimbal_pin.diagnosis.rig_causes import list_rig_changes
 from gimbal_pin.diagnosis.rivals import exchange_for_better
 from gimbal_pin.diagnosis.rows import Rows
-from gimbal_pin.diagnosis.search import Found, Search, Solution, find_causes, refine_shapes
+from gimbal_pin.diagnosis.score import compute_gain, compute_standard_error
+from gimbal_pin.diagnosis.search import (
+    Found,
+    Search,
+    Solution,
+    find_causes,
+    refine_shapes,
+    sum_squares_by_fold,
+)
 from gimbal_pin.diagnosis.settings import Settings
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import BaseTilt
@@ -82,7 +90,7 @@ def choose_explanation(rig: Rig, rows: Rows, base: BaseMotion, settings: Setting
         if mount is None or mount.share < settings.tilt_share:
             continue
         other = _search_turned(best, mount, upright)
-        if _is_turn_better(best, other, settings):
+        if _is_turn_clear(upright, other) and _is_turn_better(best, other, settings):
             best = other
     if best.mount is not None:
         other = _search_turned(best, best.mount.mirrored(), upright)
@@ -109,6 +117,16 @@ def _is_nearer(best: Explanation, mirrored: Explanation, settings: Settings) -> 
     """
     own, other = (one.found.final.fit.prior_squares for one in (best, mirrored))
     return other < own and mirrored.worth > best.worth - settings.gain_nats
+
+
+def _is_turn_clear(upright: Solution, turned: Explanation) -> bool:
+    """Return whether another direction of gravity gains by more than the error of that, over the URDF's."""
+    search = turned.search
+    final = turned.found.final
+    problem = search.problem
+    errors = [sum_squares_by_fold(problem, one) for one in (upright, final)]
+    gain = compute_gain(errors[0], errors[1], final.fit.rows)
+    return float(gain.sum()) > search.least_deviations * float(compute_standard_error(gain))
 
 
 def _is_turn_better(best: Explanation, other: Explanation, settings: Settings) -> bool:
