@@ -78,13 +78,6 @@ class CheckedLog:
         """Sentences about what does no harm."""
         return tuple(fault.sentence for fault in self.faults if not fault.makes_physics_unreliable)
 
-    def judged_only(self) -> CheckedLog:
-        """Return it for a log that is never fitted: that its true samples lie far apart is no harm."""
-        faults = tuple(
-            replace(f, makes_physics_unreliable=False) if f.sparse else f for f in self.faults
-        )
-        return replace(self, faults=faults)
-
 
 def collect_alterations(checked: Sequence[CheckedLog]) -> dict[str, tuple[Alteration, ...]]:
     """Return log → what was altered in it, for those where something was."""

@@ -94,9 +94,7 @@ def check_clock(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         )
     sentence = f"clock: {'; '.join(text for text, size in zip(texts, beyond) if size > 1.0)}; {end}"
     mend = "stamp samples where they are taken (drive or bus time), and log at the bus's rate"
-    fault = Fault(
-        "clock", None, sentence, figures, max(beyond), harmful or sparse, mend, sparse=sparse
-    )
+    fault = Fault("clock", None, sentence, figures, max(beyond), harmful or sparse, mend)
     return Examined(fault, tuple(repairs))
 
 

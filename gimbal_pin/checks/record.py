@@ -134,7 +134,6 @@ class Fault:
         strength: How far beyond what is admissible: over one is found.
         makes_physics_unreliable: Whether a fit of the log as it was recorded would show the wrong physics.
         next_experiment: What to record or to change.
-        sparse: Whether the fault is only that samples lie too far apart to be fitted: each of them is true.
         slight: Whether it is worth a note only: it does this log no harm, though it might another.
         answer: Base parameters and friction estimated in spite of the fault, where there is such an estimate.
     """
@@ -147,7 +146,6 @@ class Fault:
     makes_physics_unreliable: bool
     next_experiment: str
     answer: tuple[Parameter, ...] = ()
-    sparse: bool = False
     slight: bool = False
 
     def in_units(self, rig: Rig) -> Fault:

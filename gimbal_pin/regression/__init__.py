@@ -48,8 +48,6 @@ from gimbal_pin.regression.discrepancy import fit_misfit as fit_misfit
 from gimbal_pin.regression.discrepancy import measure_pure_error as measure_pure_error
 from gimbal_pin.regression.discrepancy import presume_misfit as presume_misfit
 from gimbal_pin.regression.discrepancy import propagate_misfit as propagate_misfit
-from gimbal_pin.regression.instrumental import MotionNoise as MotionNoise
-from gimbal_pin.regression.instrumental import compare_instruments as compare_instruments
 from gimbal_pin.regression.instrumental import compute_moments as compute_moments
 from gimbal_pin.regression.instrumental import compute_targets as compute_targets
 from gimbal_pin.regression.instrumental import fit_instrumental as fit_instrumental

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
 
-from gimbal_pin.effects.signal import Flags
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.covariance import compute_coloured_covariance
@@ -22,7 +18,6 @@ from gimbal_pin.regression.solve import (
     count_effective_rows,
     weigh_joints,
 )
-from gimbal_pin.rig.brief import brief
 
 REWEIGHTINGS = 3
 """Solutions in turn, each weighted by the residuals of the one before."""
@@ -31,84 +26,6 @@ CORRELATED_ROWS = 4
 """Rows over which products of noises are taken to be correlated: two periods of the cutoff."""
 PRODUCT_VARIANCE = 1.5
 """Variance of all products that a residual's colour does not count, over that of those of half the differences."""
-
-
-@dataclass(frozen=True, eq=False)
-class MotionNoise:
-    """What least squares and slow motion as instruments say of one figure per joint, such as its inertia.
-
-    Attributes:
-        plain: By least squares, (n,).
-        instrumental: By instruments, (n,).
-        std: Standard deviation of their difference, (n,).
-        theta: Parameters by instruments, (k,).
-        cutoff: Low-pass on the motion that serves as its own instrument, Hz: references move hands, gimbals and arms
-            below it, and what a joint does beside its reference has little power there. On measured logs 2 and 4 Hz
-            say the same.
-        material: Attenuation that matters: as much as a drive's torque constant is off.
-        credible: Probability of such an attenuation from which it is not ruled out: one chance in ten.
-    """
-
-    plain: Array
-    instrumental: Array
-    std: Array
-    theta: Array
-    cutoff: float = 3.0
-    material: float = 0.1
-    credible: float = 0.1
-
-    __repr__ = brief
-
-    @property
-    def attenuation(self) -> Array:
-        """``1 - plain / instrumental``, (n,): share of the figure that noise in the motion takes from least squares."""
-        return 1.0 - self.plain / self.instrumental
-
-    @property
-    def probability(self) -> Array:
-        """``P(attenuation > material)``, (n,).
-
-        One-sided: noise makes least squares' figure smaller. A link that gives, or a rotor that the model lacks, makes
-        it larger.
-        """
-        lost = (1.0 - self.material) * self.instrumental - self.plain
-        return np.asarray(
-            norm.cdf(lost / np.maximum(self.std, 1e-9 * np.abs(self.instrumental) + 1e-300))
-        )
-
-    @property
-    def is_hiding(self) -> Flags:
-        """Joints, (n,), at which noise may hide what multiplies the acceleration: nothing of it is named there."""
-        return np.asarray(self.probability > self.credible)
-
-
-def compare_instruments(A: Array, Z: Array, b: Array, block: Array, figures: Array) -> MotionNoise:
-    """Compare ``F (AᵀA)⁻¹ Aᵀb`` with ``F (ZᵀA)⁻¹ Zᵀb``: they differ where A has noise that Z has not.
-
-    Durbin, Wu and Hausman's test, with the deviation of the difference by leaving out each block of time in turn:
-    noise that a controller answers to stands in b, too, and has any colour (Künsch, Annals of Statistics 17, 1989).
-
-    Args:
-        A: Weighted rows, (N, k).
-        Z: The same columns of the same rows from motion without that noise, (N, k).
-        b: Weighted torque, (N,).
-        block: Block of time of each row, ascending from 0, (N,).
-        figures: F, (n, k).
-    """
-    both = np.concatenate([A, Z], axis=1)
-    right = np.column_stack([A, b])
-    ends = np.flatnonzero(np.diff(block, prepend=-1, append=-1))
-    sums = np.stack([both[low:high].T @ right[low:high] for low, high in itertools.pairwise(ends)])
-    k = A.shape[1]
-
-    def solve_both(moments: Array) -> Array:
-        return np.stack([solve_moments(x[:, :k], x[:, k])[0] for x in (moments[:k], moments[k:])])
-
-    whole = sums.sum(axis=0)
-    plain, instrumental = solve_both(whole) @ figures.T
-    without = np.stack([np.diff(solve_both(whole - one) @ figures.T, axis=0)[0] for one in sums])
-    std = np.sqrt((len(sums) - 1) * np.var(without, axis=0))
-    return MotionNoise(plain, instrumental, std, solve_both(whole)[1])
 
 
 def fit_instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> Estimate:

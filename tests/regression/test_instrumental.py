@@ -11,8 +11,6 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.regression import (
     Block,
-    MotionNoise,
-    compare_instruments,
     fit_instrumental,
     fit_repeated,
     fit_weighted,
@@ -71,34 +69,3 @@ def test_direction_without_instrument_has_infinite_deviation() -> None:
     seen = np.array([1.0, 1.0, 1.0, 0.0])
     found = fit_instrumental([block._replace(A=block.A * seen)], [other.A * seen])
     np.testing.assert_array_equal(np.isinf(found.std), seen == 0.0)
-
-
-def compare_shaken(seed: int, noise: float, answer: float = 0.0) -> MotionNoise:
-    """Compare with noise in a column that multiplies 2, and `answer` times it in the torque."""
-    rng = np.random.default_rng(seed)
-    slow = rng.standard_normal((20_000, 2))
-    shaken = noise * rng.standard_normal(20_000)
-    A = slow + shaken[:, None] * [1.0, 0.0]
-    b = slow @ [2.0, 1.0] + answer * shaken + 0.1 * rng.standard_normal(20_000)
-    return compare_instruments(A, slow, b, np.repeat(np.arange(40), 500), np.eye(2))
-
-
-@pytest.mark.parametrize(
-    ("noise", "answer"), [(0.0, 0.0), (0.5, -0.5), (2.0, 0.0), (2.0, -0.5), (1.0, 4.0)]
-)
-def test_slow_motion_recovers_what_noise_takes(noise: float, answer: float) -> None:
-    """``plain → (2 + answer σ²) / (1 + σ²)``, whether a controller answers to the noise or not.
-
-    More inertia in the fast motion than in the slow one is no noise.
-    """
-    found = compare_shaken(1, noise, answer)
-    lost = 1.0 - (2.0 + answer * noise**2) / (1.0 + noise**2) / 2.0
-    assert found.attenuation[0] == pytest.approx(lost, abs=0.06)
-    np.testing.assert_allclose(found.instrumental, [2.0, 1.0], rtol=0.15)
-    np.testing.assert_array_equal(found.is_hiding, [lost > 0.1, False])
-
-
-def test_deviation_of_what_noise_takes_is_its_scatter() -> None:
-    each = [compare_shaken(seed, noise=1.0) for seed in range(40)]
-    scatter = np.std([one.instrumental - one.plain for one in each], axis=0)
-    np.testing.assert_allclose(np.mean([one.std for one in each], axis=0), scatter, rtol=0.3)
