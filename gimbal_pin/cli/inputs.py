@@ -89,7 +89,7 @@ def load_logs(
 def fix_still_joints(
     loaded: Rig, logs: list[Log], rig: str, payload: str | None
 ) -> tuple[Rig, list[Log]]:
-    """Fix joints in a rig that its logs hold still as their references ask, and tell that."""
+    """Fix joints in a rig that rest in all of its logs, and tell that."""
     from gimbal_pin.log.io.columns import find_held_joints
     from gimbal_pin.rig.rig import Rig
 
@@ -99,7 +99,8 @@ def fix_still_joints(
     held = ", ".join(f"{joint} {at:.3g}" for joint, at in still.items())
     tell(
         [
-            f"at rest, as their references ask, and not excited, at this angle (rad) or place (m): {held}"
+            f"these joints rest in all logs and are held at this angle (rad) or place (m): {held}; "
+            "if one moved, check its encoder"
         ]
     )
     fixed = Rig.load(rig, payload, fixed={**loaded.config.fixed, **still})

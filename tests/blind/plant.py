@@ -15,6 +15,8 @@ import numpy as np
 from .rigs import Array
 
 RUNAWAY = 200.0
+LOST_ANGLE = 3.0
+"""Angle beyond a joint's limits, rad, at which the loop has lost the joint: no hard stop gives way so far."""
 TOLERANCE = 1e-13
 ROUNDS = 200
 
@@ -166,9 +168,13 @@ def simulate(world, controller, start, samples, substeps):
     """Run `samples` samples of `substeps` steps each; the command of a sample is held until the next;
     `controller`: (sample, true q and v of the encoders' side) → (measured q and v, torque command).
 
-    Raises: PlantDivergedError when a joint's speed runs away."""
+    Raises: PlantDivergedError when a joint's speed runs away, or a joint lies far beyond its limits."""
     stepper = Stepper(world, *start)
     dofs = world.dof
+    ranges = [
+        (-np.inf, np.inf) if x.continuous else (x.lower - LOST_ANGLE, x.upper + LOST_ANGLE)
+        for x in world.rig.links
+    ]
     rows = array("d")  # which the garbage collector need not look at
     steps = array("d")
     for k in range(samples):
@@ -183,6 +189,8 @@ def simulate(world, controller, start, samples, substeps):
             steps.extend([stepper.dry[d] + x for d, x in zip(dofs, stepper.bristle)])
         if not all(abs(x) < RUNAWAY for x in stepper.end_v):  # also where one is not a number
             raise PlantDivergedError(f"the loop ran away after {stepper.time:.3f} s")
+        if not all(low < stepper.end_q[d] < high for d, (low, high) in zip(dofs, ranges)):
+            raise PlantDivergedError(f"the loop lost a joint after {stepper.time:.3f} s")
     t = np.arange(samples) * world.dt * substeps
     return Trace(t, *_columns(rows, 5, world.joints), *_columns(steps, 5, world.joints))
 

@@ -133,6 +133,20 @@ def test_data_that_cannot_answer_leave_with_another_code(
     refused(run("identify", *CINEMA, tmp_path / "x.csv"), 3, "head_mount.Iyy", "more;")
 
 
+def test_a_joint_at_rest_is_held_and_a_dead_encoder_is_a_fault(run: Run, tmp_path: Path) -> None:
+    """A log without references: a still angle beside a moving rate is an encoder that is dead."""
+    rig = bundled("turret")
+    log = prescribed(nominal(rig), 1, 8.0, 2e-3, 2e-3)
+    q = log.q.copy()
+    q[:, 0] = 0.3
+    still = log.v.copy()
+    still[:, 0] = 0.0
+    for name, rate in (("rest", still), ("dead", log.v)):
+        write_log(replace(log, q=q, v=rate, q_ref=None), tmp_path / f"{name}.csv")
+    assert set(result(run, "diagnose", "turret", tmp_path / "rest.csv")["residual"]) == {"tilt"}
+    assert result(run, "diagnose", "turret", tmp_path / "dead.csv")["verdict"] == "data"
+
+
 # --- A rotor's inertia that a rig states --------------------------------------------------------
 
 GEAR = "urdf: turret\nmotors:\n  tilt: {rotor_inertia: 2.0e-5, gear_ratio: -30}\n"

@@ -56,6 +56,8 @@ recorder loses, or repeats before it begins, far less."""
 
 LEAST_TRAVEL = 0.02
 """Least travel of a joint that can be judged, rad or m."""
+MIN_REST_SECONDS = 2.0
+"""Length of a log, s, from which a joint without motion counts as at rest; no verdict is possible on a shorter one."""
 
 
 @dataclass(frozen=True)
@@ -135,19 +137,34 @@ def find_unrecorded_joints(
 
 
 def find_held_joints(logs: Sequence[Log]) -> dict[str, float]:
-    """Return each joint that rests in all logs because its reference asks for that → its angle, rad, or place, m.
+    """Return each joint that rests in all logs → its angle, rad, or place, m.
 
-    Empty where all rest: then nothing moves. A joint at rest without a reference may be one that should have moved.
+    Empty where all rest: then nothing moves. A joint that rests though its reference or its logged rate moves is not
+    held: its encoder is dead or its drive is off.
     """
+    if not logs:
+        return {}
+    asked_to_move = {*range(len(logs[0].joints))} - {*find_joints_asked_to_rest(logs)}
+    has_references = all(log.q_ref is not None for log in logs)
     still = [
         j
-        for j in find_joints_asked_to_rest(logs)
-        if all(np.ptp(log.q[:, j]) < LEAST_TRAVEL for log in logs)
+        for j in range(len(logs[0].joints))
+        if all(_is_at_rest(log, j) for log in logs) and not (has_references and j in asked_to_move)
     ]
     if not still or len(still) == len(logs[0].joints):
         return {}
     at = np.median(np.concatenate([log.q for log in logs]), axis=0)
     return {logs[0].joints[j]: float(at[j]) for j in still}
+
+
+def _is_at_rest(log: Log, joint: int) -> bool:
+    """Return whether neither a joint's angle nor the integral of its logged rate travels."""
+    if len(log) * log.dt < MIN_REST_SECONDS or np.ptp(log.q[:, joint]) >= LEAST_TRAVEL:
+        return False
+    if log.v is None:
+        return True
+    rate = log.v[:, joint] - np.median(log.v[:, joint])
+    return float(np.ptp(np.cumsum(rate)) * log.dt) < LEAST_TRAVEL
 
 
 def find_joints_asked_to_rest(logs: Sequence[Log]) -> list[int]:
