@@ -9,7 +9,8 @@ goes on where it was. ``--only NAME`` runs logs again whose names begin so, and 
 verdicts of two folders side by side: give every engine a folder of its own. Nothing is copied from the data.
 
 Data with no licence to stand beside the project are taken from ``--public DIR``, a folder with clones of the
-repositories that the data's README names (dynamic_calibration, figaroh-examples).
+repositories that the data's README names (dynamic_calibration, figaroh-examples), or public.py
+(dvrk_dynamics_identification, HSM150-data, masterThesisMatlab).
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from real_data.checks import Line
 from real_data.judging import Class, Judgement, describe, judge
 from real_data.known import known_of
 from real_data.proposed import from_file, singles, summary
+from real_data.public import devices
 from real_data.running import Outcome
 from real_data.samples import explained_share
 from tqdm import tqdm
@@ -190,7 +192,7 @@ def main(
         data: The folder of measured data.
         folder: Where outcomes are kept.
         only: Run these logs again, by how their names begin, and no others; lines without outcomes are skipped.
-        public: A folder with clones of the public repositories that the data's README names.
+        public: A folder with clones of the public repositories that the data's README and public.py name.
         compare: Print the verdicts of two folders of outcomes side by side, and run nothing.
         proposed: Go from each file to a report by the mapping that `inspect` proposes, and print a line per log.
         json_file: Write lines and outcomes as JSON.
@@ -205,10 +207,9 @@ def main(
     with TemporaryDirectory() as place:
         made = Path(place)
         every = [*cases.measured(data, made), *cases.benchmarks(data)]
-        every = [
-            mended(case, made)
-            for case in (*every, *(cases.public(public) if public is not None else ()))
-        ]
+        if public is not None:
+            every += [*cases.public(public), *devices(public, made)]
+        every = [mended(case, made) for case in every]
         wanted = chosen(every, only)
         if proposed:
             found = [

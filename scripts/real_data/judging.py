@@ -118,7 +118,9 @@ def is_found(told: Json, known: Known) -> bool:
     """Whether all that is known of the device is found; never where nothing is known."""
     found = [f for f in told["findings"] if f["status"] in ("named", "data")]
     each = (any(is_of(f, cause) for f in found for cause in one.split("|")) for one in known.found)
-    gained = all(after <= known.share * before for before, after in get_errors(told).values())
+    errors = get_errors(told)
+    asked = [errors[known.at]] if known.at in errors else errors.values()
+    gained = all(after <= known.share * before for before, after in asked)
     return bool(known.found) and all(each) and gained and known.harmonics <= harmonics(told)
 
 

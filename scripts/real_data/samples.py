@@ -106,7 +106,6 @@ def explained_share(case: Case, cutoff: float) -> float:
         held = least_squares(case, cutoff)
     except GimbalPinError:
         return 0.0
-    left = np.mean((held.measured - held.predicted) ** 2, axis=0) / np.mean(
-        held.measured**2, axis=0
-    )
-    return float(1 - np.min(left))
+    left = np.mean((held.measured - held.predicted) ** 2, axis=0)
+    power = np.mean(held.measured**2, axis=0)
+    return float(1 - np.min(left[power > 0] / power[power > 0]))
