@@ -82,10 +82,11 @@ def _regress_on_everything(
     """Return what the best regression leaves of a joint's torque, held out, (N,)."""
     rows = problem.rows
     y = problem.target[:, joint]
-    norms = np.linalg.norm(base, axis=0) + 1e-300
-    base = base / norms
+    kept = base.any(axis=0)
+    norms = np.linalg.norm(base[:, kept], axis=0)
+    base = base[:, kept] / norms
     noise = (ASSUMED_NOISE * float(problem.torque_rms[joint])) ** 2
-    prior = np.where(base.any(axis=0), build_precision(problem, ()) / norms**2 * noise + 1e-9, 1.0)
+    prior = build_precision(problem, ())[kept] / norms**2 * noise + 1e-9
     candidates = [
         x
         for x in list_candidates(problem.rig, joint, problem.ranges[joint])
