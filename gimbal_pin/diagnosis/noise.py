@@ -9,12 +9,13 @@ import numpy as np
 from gimbal_pin.diagnosis.candidates import list_candidates
 from gimbal_pin.diagnosis.library import project_candidates
 from gimbal_pin.diagnosis.problem import (
+    FIRST_NOISE,
     Problem,
     Whitening,
     build_base_rows,
     build_precision,
 )
-from gimbal_pin.diagnosis.structure import GROUPS, hold_out, project_functions
+from gimbal_pin.diagnosis.structure import GROUPS, hold_out, look_around, project_functions
 from gimbal_pin.log.log import Array
 
 FREQUENCIES = 8, 24
@@ -29,8 +30,6 @@ LEAST_POWER = 1e-4
 """Least power at a frequency, as a share of the largest: rounding has no spectrum."""
 REMAINING_SHARE = 0.05
 """Share of a candidate's rms beside the base from which it may be used: less is rounding of the base's columns."""
-ASSUMED_NOISE = 0.03
-"""Noise that the prior of base parameters is weighed against, as a share of the torque's rms."""
 SMOOTH = (
     "angle",
     "angle by direction",
@@ -85,7 +84,7 @@ def _regress_on_everything(
     kept = base.any(axis=0)
     norms = np.linalg.norm(base[:, kept], axis=0)
     base = base[:, kept] / norms
-    noise = (ASSUMED_NOISE * float(problem.torque_rms[joint])) ** 2
+    noise = (FIRST_NOISE * float(problem.torque_rms[joint])) ** 2
     prior = build_precision(problem, ())[kept] / norms**2 * noise + 1e-9
     candidates = [
         x
@@ -95,7 +94,8 @@ def _regress_on_everything(
     columns = project_candidates(problem, candidates, joint, torque)
     worth = _measure_worth(columns[rows.inner], base[rows.inner], y[rows.inner])
     best = np.argsort(-worth)[: problem.settings.noise_candidates]
-    smooth = project_functions(problem, joint, torque, {name: GROUPS[name] for name in SMOOTH})
+    states = look_around(problem, joint, torque)
+    smooth = project_functions(problem, joint, states, {name: GROUPS[name] for name in SMOOTH})
     further = np.hstack([columns[:, best], *smooth.values()])
     further /= np.sqrt(np.mean(further**2, axis=0)) + 1e-300
     # Shown blocks are predicted by all folds, so that the spectrum has no gaps.

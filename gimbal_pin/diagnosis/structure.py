@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from scipy.signal import butter, find_peaks, lfilter, sosfiltfilt
 
 from gimbal_pin.diagnosis.problem import Problem
 from gimbal_pin.diagnosis.rows import Indices
-from gimbal_pin.diagnosis.score import Gains, pack_columns
+from gimbal_pin.diagnosis.score import pack_columns
 from gimbal_pin.diagnosis.search import Search, Solution
 from gimbal_pin.log.log import Array
 
@@ -35,8 +36,6 @@ JOINED = (1, 2, 4, 7)
 """Numbers of the best groups that are joined."""
 LINES = 6
 """Lines over time or load that are tried."""
-BURST_SECONDS = 0.25
-"""Length of the windows in which bursts are looked for, s."""
 FEWEST_WINDOWS = 40
 """Fewest windows that tell what is usual."""
 
@@ -60,7 +59,6 @@ class Surroundings:
         dt: Interval, s.
         seconds: Length of the logs, s.
         travel: The joint's travel, rad.
-        angle: Angle of which half a turn is the travel, rad, (m,).
         place: Angle from the middle of the travel over a quarter of it, (m,).
         rate: Rate over half of what 98 % of the rates stay under, (m,).
         load: Torque over the rms torque, (m,).
@@ -78,7 +76,6 @@ class Surroundings:
     dt: float
     seconds: float
     travel: float
-    angle: Array
     place: Array
     rate: Array
     load: Array
@@ -113,9 +110,9 @@ def ring(s: Surroundings) -> Array:
     low_pass = butter(3, RINGING_HERTZ[-1], fs=1 / s.dt, output="sos")
     slow = sosfiltfilt(low_pass, s.accelerations - s.accelerations.mean(axis=1, keepdims=True))
     damped = complex(-RINGING_DAMPING, np.sqrt(1 - RINGING_DAMPING**2))
-    poles = np.exp(damped * 2 * np.pi * RINGING_HERTZ[2 / s.seconds < RINGING_HERTZ] * s.dt)
+    poles = np.exp(damped * 2 * np.pi * RINGING_HERTZ * s.dt)
     swings = [lfilter([1 - abs(pole)], [1, -pole], slow + 0j) for pole in poles]
-    return np.vstack([slow[:0], *(part for x in swings for part in (x.real, x.imag))])
+    return np.vstack([part for x in swings for part in (x.real, x.imag)])
 
 
 def slip(x: Array, *reaches: float) -> Array:
@@ -160,11 +157,11 @@ def _pass_slowly(s: Surroundings) -> Array:
     return np.cos(np.pi * np.arange(1, 7)[:, None] * s.t / s.seconds)
 
 
-Functions = Callable[[Surroundings], Array]
+Function = Callable[[Surroundings], Array]
 
-GROUPS: dict[str, Functions] = {
-    "angle": lambda s: turn(s.angle, 14),
-    "angle by direction": lambda s: s.direction * turn(s.angle, 7),
+GROUPS: dict[str, Function] = {
+    "angle": lambda s: turn(np.pi / 4 * s.place, 14),
+    "angle by direction": lambda s: s.direction * turn(np.pi / 4 * s.place, 7),
     "places": lambda s: bump(s.place, 40),
     "places by direction": lambda s: s.direction * bump(s.place, 40),
     "rate": lambda s: cross(bump(s.rate, 9), 1.0, s.direction),
@@ -190,7 +187,7 @@ GROUPS: dict[str, Functions] = {
 }
 """Name of a group of the flexible model → its functions along a stretch, (k, m)."""
 
-CURVES: dict[str, Functions] = {
+CURVES: dict[str, Function] = {
     "asymmetric-friction": GROUPS["rate"],
     "dead-zone": GROUPS["fine load"],
     "load-dependent-friction": lambda s: (
@@ -205,13 +202,17 @@ Any friction over load or rate is friction over these. A force over the angle ne
 """
 
 
-def _look_around(
-    problem: Problem, stretch: int, joint: int, torque: Sequence[Array]
-) -> Surroundings:
+def look_around(problem: Problem, joint: int, torque: Sequence[Array]) -> list[Surroundings]:
+    """Return what the functions at a joint read along each stretch; `torque`: a model's, N m, (m, n) per stretch."""
+    stretches = range(len(problem.rows.stretches))
+    return [_describe_stretch(problem, s, joint, torque[s]) for s in stretches]
+
+
+def _describe_stretch(problem: Problem, stretch: int, joint: int, torque: Array) -> Surroundings:
     """Return what the functions at a joint read along a stretch."""
     part = problem.rows.stretches[stretch]
     x = part.samples
-    q, v, a, direction, tau = (y.T for y in (x.q, x.v, x.a, part.direction, torque[stretch]))
+    q, v, a, direction, tau = (y.T for y in (x.q, x.v, x.a, part.direction, torque))
     apart = np.abs(np.array(problem.joints) - joint)
     is_near = apart <= (1 if len(apart) > 3 else 2)
     is_neighbour = is_near & (apart > 0)
@@ -230,7 +231,6 @@ def _look_around(
         dt=part.dt,
         seconds=seen.seconds,
         travel=seen.travel,
-        angle=np.pi * q[joint] / max(seen.travel, 0.3),
         place=(q[joint] - seen.middle) / (0.25 * max(seen.travel, 1e-9)),
         rate=2 * v[joint] / (seen.rate + 1e-12),
         load=tau[joint] / level,
@@ -238,17 +238,9 @@ def _look_around(
 
 
 def project_functions(
-    problem: Problem, joint: int, torque: Sequence[Array], groups: Mapping[str, Functions]
+    problem: Problem, joint: int, states: Sequence[Surroundings], groups: Mapping[str, Function]
 ) -> dict[str, Array]:
-    """Return the rows of groups of functions at a joint, (N, k) by name; empty groups are left out.
-
-    Args:
-        problem: The rows.
-        joint: The joint.
-        torque: A model's torque along each stretch, N m, (m, n).
-        groups: Name → functions.
-    """
-    states = [_look_around(problem, s, joint, torque) for s in range(len(torque))]
+    """Return the rows of groups of functions at a joint, (N, k) by name; empty groups are left out."""
     rows = {
         name: problem.rows.project([functions(state).T for state in states], joint)
         for name, functions in groups.items()
@@ -256,37 +248,38 @@ def project_functions(
     return {name: x for name, x in rows.items() if x.shape[1]}
 
 
-def measure_groups(
-    search: Search, solution: Solution, joint: int, columns: Sequence[Array], ridge: float
-) -> Gains:
-    """Return what each of several groups of whitened columns at a joint gains beside a model."""
+def _whiten_functions(
+    search: Search, joint: int, states: Sequence[Surroundings], groups: Mapping[str, Function]
+) -> dict[str, Array]:
+    """Return the whitened inner rows of groups of functions at a joint."""
+    problem = search.problem
+    rows = project_functions(problem, joint, states, groups)
+    return {name: search.whitening.apply(problem.rows, x, joint) for name, x in rows.items()}
+
+
+def _measure_groups(
+    solution: Solution, joint: int, groups: Sequence[Array], ridge: float
+) -> list[list[float]]:
+    """Return gain and its standard error, nats, and the remaining share of the error, rms, beside each group."""
     fit = solution.fit
-    widths = [x.shape[1] for x in columns]
-    pack = pack_columns({joint: np.hstack(columns)}, widths, fit.target, fit.folds)
-    return fit.measure(pack, ridge)
+    widths = [x.shape[1] for x in groups]
+    pack = pack_columns({joint: np.hstack(groups)}, widths, fit.target, fit.folds)
+    gains = fit.measure(pack, ridge)
+    before = max(float(fit.squared_errors[:, joint].sum()), 1e-300)
+    remaining = np.sqrt(gains.errors[:, :, joint].sum(axis=1) / before)
+    figures: list[list[float]] = np.stack(
+        [gains.total, gains.standard_error, remaining], axis=1
+    ).tolist()
+    return figures
 
 
 def measure_curve(search: Search, solution: Solution, joint: int, name: str) -> float:
     """Return the share of a joint's held-out error, rms, that a curve of a cause's own variable leaves of a model's."""
     if name not in CURVES:
         return 1.0
-    groups = _whiten_functions(search, solution, joint, {name: CURVES[name]})
-    gains = measure_groups(search, solution, joint, [groups[name]], RIDGES[-1])
-    return float(min(_compute_remaining(solution, gains, joint)[0], 1.0))
-
-
-def _whiten_functions(
-    search: Search, solution: Solution, joint: int, groups: Mapping[str, Functions]
-) -> dict[str, Array]:
-    """Return the whitened inner rows of groups of functions at a joint."""
-    rows = project_functions(search.problem, joint, solution.torque, groups)
-    return {name: search.whitening.apply(search.problem.rows, x, joint) for name, x in rows.items()}
-
-
-def _compute_remaining(solution: Solution, gains: Gains, joint: int) -> Array:
-    """Return the held-out error beside each group over that of the model, whitened rms over rms, (G,)."""
-    before = max(float(solution.fit.squared_errors[:, joint].sum()), 1e-300)
-    return np.asarray(np.sqrt(gains.errors[:, :, joint].sum(axis=1) / before))
+    states = look_around(search.problem, joint, solution.torque)
+    groups = _whiten_functions(search, joint, states, {name: CURVES[name]})
+    return min(_measure_groups(solution, joint, [groups[name]], RIDGES[-1])[0][-1], 1.0)
 
 
 class Structure(NamedTuple):
@@ -307,79 +300,85 @@ class Structure(NamedTuple):
 
 def find_structure(search: Search, solution: Solution, joint: int) -> Structure:
     """Return the best flexible model of a joint beside a model."""
-    lines, costs = _find_lines(search, solution, joint)
-    groups = _whiten_functions(search, solution, joint, GROUPS) | lines
+    states = look_around(search.problem, joint, solution.torque)
+    lines, costs = _find_lines(search, solution, joint, states)
+    groups = _whiten_functions(search, joint, states, GROUPS | lines)
 
-    def measure(tried: Sequence[tuple[str, ...]], ridge: float) -> list[Structure]:
+    def attempt(tried: Sequence[tuple[str, ...]], ridge: float) -> list[Structure]:
         columns = [np.hstack([groups[name] for name in names]) for names in tried]
-        gains = measure_groups(search, solution, joint, columns, ridge)
-        cost = [sum(costs.get(name, 0.0) for name in names) for names in tried]
-        figures = [
-            (gains.total - cost).tolist(),
-            gains.standard_error.tolist(),
-            _compute_remaining(solution, gains, joint).tolist(),
+        figures = _measure_groups(solution, joint, columns, ridge)
+        return [
+            Structure(gain - sum(costs.get(name, 0.0) for name in names), std, remaining, names)
+            for (gain, std, remaining), names in zip(figures, tried)
         ]
-        return [Structure(*values) for values in zip(*figures, tried)]
 
-    alone = sorted(measure([(name,) for name in groups], RIDGES[-1]), key=lambda x: -x.gain)
+    alone = sorted(attempt([(name,) for name in groups], RIDGES[-1]), key=lambda x: -x.gain)
     names = [x.groups[0] for x in alone if x.gain > 0]
     joined = [tuple(names[:count]) for count in JOINED if count <= len(names)]
-    tried = [x for ridge in RIDGES if joined for x in measure(joined, ridge)]
+    tried = [x for ridge in RIDGES if joined for x in attempt(joined, ridge)]
     return max([alone[0], *tried], key=lambda x: x.gain)
 
 
 def _find_lines(
-    search: Search, solution: Solution, joint: int
-) -> tuple[dict[str, Array], dict[str, float]]:
-    """Return whitened lines over time, over time times load, and over load, with the cost of having searched them."""
+    search: Search, solution: Solution, joint: int, states: Sequence[Surroundings]
+) -> tuple[dict[str, Function], dict[str, float]]:
+    """Return clear lines over time, over time times load, and over load, and the cost of having searched them."""
     rows = search.problem.rows
-    load = [x[:, joint] for x in solution.torque]
-    ones: list[Array] = [np.ones(len(x)) for x in load]
-    time = [part.time for part in rows.stretches]
-    span = float(np.ptp(np.concatenate(load))) + 1e-12
-    band = 0.3, 0.95 * rows.band
-    kinds: list[tuple[str, list[Array], list[Array], tuple[float, float], float]] = [
-        ("lines in time", time, ones, band, rows.seconds),
-        ("lines times load", time, load, band, rows.seconds),
-        ("lines over load", load, ones, (2 / span, 40 / span), span),
-    ]
-    lines = dict[str, Array]()
+    error = solution.fit.errors[:, joint]
+    load = np.concatenate([s.load for s in states])
+    span = float(np.ptp(load)) + 1e-12
+    band = 0.3, 0.95 * rows.band, rows.seconds
+    kinds: dict[str, tuple[Function, Function, tuple[float, float, float]]] = {
+        "lines in time": (lambda s: s.t, lambda s: np.ones_like(s.t), band),
+        "lines times load": (lambda s: s.t, lambda s: s.load, band),
+        "lines over load": (
+            lambda s: s.load,
+            lambda s: np.ones_like(s.t),
+            (2 / span, 40 / span, span),
+        ),
+    }
+    lines = dict[str, Function]()
     costs = dict[str, float]()
-    for name, variable, factor, (low, high), length in kinds:
-        x, w = (_resample(search.problem, y) for y in (variable, factor))
-        found = _find_frequencies(x, w * solution.left[:, joint], low, high, length)
-        signals = [
-            [
-                np.stack([np.cos(2 * np.pi * f * x) * w, np.sin(2 * np.pi * f * x) * w], 1)
-                for f in found
-            ]
-            for x, w in zip(variable, factor)
-        ]
-        if not found:
-            continue
-        white = [
-            search.whitening.apply(rows, rows.project(pair, joint), joint) for pair in zip(*signals)
-        ]
+    for name, (variable, factor, (low, high, length)) in kinds.items():
+        x, w = (
+            _resample(search.problem, [read(s) for s in states])[rows.inner]
+            for read in (variable, factor)
+        )
         cost = float(np.log(max(length * (high - low), 1.0)))
-        gains = measure_groups(search, solution, joint, white, 1e-6).total - cost
-        clear = [x for x, gain in zip(white, gains) if gain > search.problem.settings.kept_nats]
-        if clear:
-            lines[name] = np.hstack(clear)
-            costs[name] = cost * len(clear)
+        least = cost + search.problem.settings.kept_nats
+        found = _find_frequencies(x, w * error, (low, high), length, least)
+        if len(found):
+            lines[name] = partial(_draw_lines, variable, factor, found)
+            costs[name] = cost * len(found)
     return lines, costs
 
 
-def _find_frequencies(x: Array, y: Array, low: float, high: float, length: float) -> list[float]:
-    """Return the frequencies, per unit of x, at which ``|Σ y exp(2πi f x)|`` has its highest peaks."""
-    rate = 8 * high
+def _draw_lines(variable: Function, factor: Function, frequencies: Array, s: Surroundings) -> Array:
+    """Return cosines and sines of a variable times a factor, (2 f, m)."""
+    phase = 2 * np.pi * frequencies[:, None] * variable(s)
+    return factor(s) * np.vstack([np.cos(phase), np.sin(phase)])
+
+
+def _find_frequencies(
+    x: Array, y: Array, band: tuple[float, float], length: float, least: float
+) -> Array:
+    """Return the frequencies, per unit of x, of the highest peaks of ``|Σ y exp(2πi f x)|² / Σ y²``.
+
+    Args:
+        x: Variable, (N,).
+        y: Values, (N,).
+        band: Lowest and highest frequency.
+        length: Range of x.
+        least: Least height of a peak; of white noise it is exponentially distributed with mean 1.
+    """
+    rate = 8 * band[1]
     place = ((x - x.min()) * rate).astype(int)
     count = max(place.max() + 1, int(rate * length / 0.4))
-    power = np.abs(np.fft.rfft(np.bincount(place, y, count)))
+    power = np.abs(np.fft.rfft(np.bincount(place, y, count))) ** 2 / max(float(y @ y), 1e-300)
     frequency = np.fft.rfftfreq(count, 1 / rate)
-    power[(frequency < low) | (frequency > high)] = 0.0
-    peaks: Indices = find_peaks(power, distance=4)[0]
-    best: list[float] = frequency[peaks[np.argsort(-power[peaks])[:LINES]]].tolist()
-    return best
+    power[(frequency < band[0]) | (frequency > band[1])] = 0.0
+    peaks = find_peaks(power, least, distance=4)[0]
+    return np.asarray(frequency[peaks[np.argsort(-power[peaks])[:LINES]]])
 
 
 def _resample(problem: Problem, signals: Sequence[Array]) -> Array:
@@ -417,13 +416,12 @@ def find_bursts(search: Search, solution: Solution, joint: int) -> Bursts:
     """
     problem = search.problem
     rows = problem.rows
-    width = max(3, round(BURST_SECONDS * 2 * rows.band))
-    load = [x[:, joint] for x in solution.torque]
-    slope = [np.gradient(x, part.dt) for x, part in zip(load, rows.stretches)]
+    width = max(3, round(problem.settings.burst_seconds * 2 * rows.band))
+    load = _resample(problem, [x[:, joint] for x in solution.torque])
     signals = [
         solution.left[:, joint],
-        _resample(problem, load),
-        _resample(problem, slope),
+        load,
+        np.gradient(load, 0.5 / rows.band),
         rows.sample("v")[:, joint],
         np.linalg.norm(rows.sample("a"), axis=1),
     ]
