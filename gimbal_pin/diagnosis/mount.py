@@ -159,6 +159,6 @@ def _build_equations(rig: Rig, part: Stretch) -> Array:
         for f in np.vstack([np.zeros(3), np.eye(3)])
     ]
     laws = np.stack([part.direction[at], x.v[at], np.ones_like(x.v[at])], axis=-1)
-    friction = (np.eye(rig.n)[:, :, None] * laws[:, :, None]).reshape(len(at), rig.n, -1)
+    friction = (np.eye(rig.n)[:, :, None] * laws[:, :, None]).reshape(len(at), rig.n, 3 * rig.n)
     columns = [moving, *(Y - moving for Y in forced), friction, x.tau[at, :, None]]
     return np.concatenate(columns, axis=-1) * part.weight[at][:, :, None]

@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.problem import (
     build_base_rows,
     build_precision,
 )
-from gimbal_pin.diagnosis.structure import GROUPS, hold_out, look_around, project_functions
+from gimbal_pin.diagnosis.structure import GROUPS, hold_out, list_surroundings, project_functions
 from gimbal_pin.log.log import Array
 
 FREQUENCIES = 8, 24
@@ -94,7 +94,7 @@ def _regress_on_everything(
     columns = project_candidates(problem, candidates, joint, torque)
     worth = _measure_worth(columns[rows.inner], base[rows.inner], y[rows.inner])
     best = np.argsort(-worth)[: problem.settings.noise_candidates]
-    states = look_around(problem, joint, torque)
+    states = list_surroundings(problem, joint, torque)
     smooth = project_functions(problem, joint, states, {name: GROUPS[name] for name in SMOOTH})
     further = np.hstack([columns[:, best], *smooth.values()])
     further /= np.sqrt(np.mean(further**2, axis=0)) + 1e-300

@@ -146,13 +146,13 @@ def _mix_angles(s: Surroundings) -> Array:
     return np.vstack([*waves, *(wave * v for wave in waves)])
 
 
-def _hysterese(s: Surroundings) -> Array:
+def _list_hysteresis(s: Surroundings) -> Array:
     """Return springs behind friction over the angle, and their squares with the sign."""
     stretch = slip(s.q, *(share * max(s.travel, 1e-6) for share in (0.01, 0.03, 0.1, 0.2, 0.4)))
     return np.vstack([stretch, stretch[1:] * np.abs(stretch[1:])])
 
 
-def _pass_slowly(s: Surroundings) -> Array:
+def _list_slow_waves(s: Surroundings) -> Array:
     """Return half waves over the whole log, (6, m)."""
     return np.cos(np.pi * np.arange(1, 7)[:, None] * s.t / s.seconds)
 
@@ -165,18 +165,18 @@ GROUPS: dict[str, Function] = {
     "places": lambda s: bump(s.place, 40),
     "places by direction": lambda s: s.direction * bump(s.place, 40),
     "rate": lambda s: cross(bump(s.rate, 9), 1.0, s.direction),
-    "slow time": lambda s: cross(_pass_slowly(s), 1.0, s.direction, s.v),
+    "slow time": lambda s: cross(_list_slow_waves(s), 1.0, s.direction, s.v),
     "memory of motion": lambda s: forget(
         s, MEMORY_SECONDS, s.q - s.q[0], s.v, s.direction, np.abs(s.v)
     ),
-    "hysteresis": _hysterese,
+    "hysteresis": _list_hysteresis,
     "ringing": ring,
     "angle and rate": lambda s: cross(bump(s.place, 6), bump(s.rate, 6)),
     "other joints": _mix_motions,
     "other joints by angle": _mix_angles,
     "load": lambda s: cross(bump(s.load, 9), 1.0, s.direction),
     "fine load": lambda s: bump(s.load, 40),
-    "load over slow time": lambda s: s.load * _pass_slowly(s),
+    "load over slow time": lambda s: s.load * _list_slow_waves(s),
     "heat": lambda s: cross(forget(s, HEATING_SECONDS, s.load**2), 1.0, s.load, s.direction, s.v),
     "torques over angle": lambda s: cross(turn(s.q, 8), s.torques),
     "memory of load": lambda s: forget(s, MEMORY_SECONDS, s.load, np.abs(s.load)),
@@ -202,7 +202,7 @@ Any friction over load or rate is friction over these. A force over the angle ne
 """
 
 
-def look_around(problem: Problem, joint: int, torque: Sequence[Array]) -> list[Surroundings]:
+def list_surroundings(problem: Problem, joint: int, torque: Sequence[Array]) -> list[Surroundings]:
     """Return what the functions at a joint read along each stretch; `torque`: a model's, N m, (m, n) per stretch."""
     stretches = range(len(problem.rows.stretches))
     return [_describe_stretch(problem, s, joint, torque[s]) for s in stretches]
@@ -216,8 +216,8 @@ def _describe_stretch(problem: Problem, stretch: int, joint: int, torque: Array)
     apart = np.abs(np.array(problem.joints) - joint)
     is_near = apart <= (1 if len(apart) > 3 else 2)
     is_neighbour = is_near & (apart > 0)
-    seen = problem.ranges[joint]
-    level = seen.rms + 1e-12
+    observed = problem.ranges[joint]
+    level = observed.rms + 1e-12
     return Surroundings(
         t=part.time,
         q=q[joint],
@@ -229,10 +229,10 @@ def _describe_stretch(problem: Problem, stretch: int, joint: int, torque: Array)
         accelerations=a[is_near],
         torques=tau[is_near],
         dt=part.dt,
-        seconds=seen.seconds,
-        travel=seen.travel,
-        place=(q[joint] - seen.middle) / (0.25 * max(seen.travel, 1e-9)),
-        rate=2 * v[joint] / (seen.rate + 1e-12),
+        seconds=observed.seconds,
+        travel=observed.travel,
+        place=(q[joint] - observed.middle) / (0.25 * max(observed.travel, 1e-9)),
+        rate=2 * v[joint] / (observed.rate + 1e-12),
         load=tau[joint] / level,
     )
 
@@ -277,7 +277,7 @@ def measure_curve(search: Search, solution: Solution, joint: int, name: str) -> 
     """Return the share of a joint's held-out error, rms, that a curve of a cause's own variable leaves of a model's."""
     if name not in CURVES:
         return 1.0
-    states = look_around(search.problem, joint, solution.torque)
+    states = list_surroundings(search.problem, joint, solution.torque)
     groups = _whiten_functions(search, joint, states, {name: CURVES[name]})
     return min(_measure_groups(solution, joint, [groups[name]], RIDGES[-1])[0][-1], 1.0)
 
@@ -300,7 +300,7 @@ class Structure(NamedTuple):
 
 def find_structure(search: Search, solution: Solution, joint: int) -> Structure:
     """Return the best flexible model of a joint beside a model."""
-    states = look_around(search.problem, joint, solution.torque)
+    states = list_surroundings(search.problem, joint, solution.torque)
     lines, costs = _find_lines(search, solution, joint, states)
     groups = _whiten_functions(search, joint, states, GROUPS | lines)
 
@@ -467,8 +467,8 @@ def hold_out(columns: Array, y: Array, penalty: Array, fold: Indices) -> Array:
     right = fitted.T @ y
     residual = np.empty_like(y)
     for k in np.unique(fold):
-        own = fold == k
-        less = fitted[own].T
-        values = np.linalg.solve(gram - less @ columns[own], right - less @ y[own])
-        residual[own] = y[own] - columns[own] @ values
+        is_left_out = fold == k
+        less = fitted[is_left_out].T
+        values = np.linalg.solve(gram - less @ columns[is_left_out], right - less @ y[is_left_out])
+        residual[is_left_out] = y[is_left_out] - columns[is_left_out] @ values
     return residual
