@@ -20,8 +20,8 @@ def compute_white_covariance(fit: BlockFit) -> Array:
 def compute_covariance(search: Search, solution: Solution) -> Array:
     """Return the covariance of a model's coefficients by noise, prior and misfit, (p, p).
 
-    The misfit, ``Σ_j R_j R_j'``, is what the model misses at each joint as a function of its motion. It comes back whenever the
-    motion does, so no number of folds averages it away: see `propagate_misfit`.
+    The misfit, ``Σ_j R_j R_j'``, is what the model misses at each joint as a function of its motion. It comes back
+    whenever the motion does, so no number of folds averages it away: see `propagate_misfit`.
     """
     problem = search.problem
     rows = problem.rows
