@@ -188,9 +188,7 @@ def _describe_contest(explanation: Explanation, contest: Contest, covariance: Ar
 
 def _measure_curve(explanation: Explanation, joint: int, name: str) -> float:
     """Return the share of the final error, rms, that a curve of a cause's own variable leaves."""
-    search = explanation.search
-    final = explanation.found.final
-    return measure_curve(search.problem, search.whitening, final.fit, final.torque, joint, name)
+    return measure_curve(explanation.search, explanation.found.final, joint, name)
 
 
 def is_misshapen(name: str, explained: float, rest: Rest, settings: Settings) -> bool:

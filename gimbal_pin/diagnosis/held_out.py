@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -59,13 +59,7 @@ class HeldOut:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures as JSON holds them."""
-        figures = {
-            name.lower(): {
-                "torque_rmse": dict(errors.torque_rmse),
-                "fit_percent": dict(errors.fit_percent),
-            }
-            for name, errors in self.stages.items()
-        }
+        figures = {name.lower(): asdict(errors) for name, errors in self.stages.items()}
         return {"how": self.how, "cutoff_hz": self.cutoff_hz, **figures}
 
 
@@ -110,55 +104,36 @@ def measure_held_out(problem: Problem, refitted: Solution, extended: Solution) -
     """
     rows = problem.rows
     is_shown = ~rows.inner if rows.has_outer else rows.inner
-    stated = problem.rig.friction
-    urdf = np.stack(
-        [problem.target[:, j] - problem.friction[j] @ stated[j] for j in problem.joints], axis=1
-    )
-    level = np.std(problem.measured[is_shown], axis=0)
-    used = np.mean(rows.sample("weight")[is_shown] ** 2, axis=0)
-    scale = np.sqrt(np.maximum(used, 1e-300))
+    stated = zip(problem.target.T, problem.friction, problem.rig.friction)
+    urdf = np.stack([target - columns @ values for target, columns, values in stated], axis=1)
+    weight = rows.sample("weight")
+    level = np.maximum(np.std(problem.measured[is_shown], axis=0), 1e-300)
+    used = np.mean(weight[is_shown] ** 2, axis=0)
     joints = rows.rig.joints
-    errors = [
-        _measure(joints, x[is_shown], level, scale) for x in (urdf, refitted.left, extended.left)
-    ]
+
+    def measure(residual: Array) -> Errors:
+        # Errors are stated per row of full weight.
+        size = np.sqrt(np.mean(residual[is_shown] ** 2, axis=0))
+        rmse = size / np.sqrt(np.maximum(used, 1e-300))
+        fit = 100.0 * (1.0 - size / level)
+        return Errors(dict(zip(joints, rmse.tolist())), dict(zip(joints, fit.tolist())))
+
     return HeldOut(
         how=rows.how if rows.has_outer else CROSS_VALIDATED,
         cutoff_hz=rows.band,
-        urdf=errors[0],
-        refitted=errors[1],
-        extended=errors[2],
+        urdf=measure(urdf),
+        refitted=measure(refitted.left),
+        extended=measure(extended.left),
         used=dict(zip(joints, used.tolist())),
-        traces=_trace_residuals(problem, is_shown, refitted, extended),
-    )
-
-
-def _measure(joints: tuple[str, ...], left: Array, level: Array, scale: Array) -> Errors:
-    """Return the errors of residual rows (N, n).
-
-    Args:
-        joints: Names of the joints.
-        left: The residual.
-        level: Standard deviation of the torque's rows, (n,).
-        scale: Rms weight of the rows, (n,): errors are stated per row of full weight.
-    """
-    size = np.sqrt(np.mean(left**2, axis=0))
-    fit = 100.0 * (1.0 - size / np.maximum(level, 1e-300))
-    return Errors(dict(zip(joints, (size / scale).tolist())), dict(zip(joints, fit.tolist())))
-
-
-def _trace_residuals(
-    problem: Problem, is_shown: Flags, refitted: Solution, extended: Solution
-) -> ResidualTraces:
-    """Return the residuals of two models along the logs."""
-    rows = problem.rows
-    return ResidualTraces(
-        log=np.concatenate([np.full(part.count, part.log) for part in rows.stretches]),
-        t=rows.sample("time"),
-        q=rows.sample("q"),
-        v=rows.sample("v"),
-        weight=rows.sample("weight"),
-        is_shown=is_shown,
-        refitted=refitted.left,
-        extended=extended.left,
-        dt=0.5 / rows.band,
+        traces=ResidualTraces(
+            log=np.concatenate([np.full(part.count, part.log) for part in rows.stretches]),
+            t=rows.sample("time"),
+            q=rows.sample("q"),
+            v=rows.sample("v"),
+            weight=weight,
+            is_shown=is_shown,
+            refitted=refitted.left,
+            extended=extended.left,
+            dt=0.5 / rows.band,
+        ),
     )

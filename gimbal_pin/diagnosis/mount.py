@@ -6,37 +6,33 @@ without gravity, Y_i its change per unit of f along base axis i.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
-from math import asin, atan2, pi
+from math import atan2, hypot, pi
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import block_diag
+from scipy.optimize import minimize
 
 from gimbal_pin.diagnosis.problem import Problem
-from gimbal_pin.diagnosis.rows import OUTER, Rows
+from gimbal_pin.diagnosis.rig_causes import build_standing_platform
+from gimbal_pin.diagnosis.rows import OUTER, Rows, Stretch
 from gimbal_pin.diagnosis.search import Search, Solution
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import compute_regressor
 from gimbal_pin.effects import BaseTilt
 from gimbal_pin.log.log import Array
-from gimbal_pin.log.platform import Platform
 from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.rig import GRAVITY, Rig
 
 COARSE_SECONDS = 0.04
-"""Interval of the samples that are compared, s."""
-FOLDS = 6
-"""Folds of the comparison."""
+"""Interval of the samples that are compared, s: a period of twice the band."""
 RIDGE = 1e-6
 """Ridge on columns of unit norm."""
-MOST_STEPS = 6
-"""Most Gauss-Newton steps."""
-STEP_SHARES = (1.0, 0.3)
-"""Shares of a step that are tried."""
-LEAST_PROGRESS = 0.99
-"""Squared error after a step over that before from which steps end."""
+SMALL_TURN = 0.5
+"""Angle, rad, up to which the search finds the turn itself: a sine is .96 of its angle there."""
 DIRECTIONS = np.array([x for x in product((-1.0, 0.0, 1.0), repeat=3) if any(x)])
 """Directions that are tried first: faces, edges and corners of a cube, (26, 3)."""
 
@@ -48,7 +44,7 @@ class Mount:
     Attributes:
         force: Specific force of the base at rest, m/s², (3,).
         angle: Angle between it and the URDF's, rad.
-        share: Share of the held-out squared error that it removes.
+        share: Share of the squared error that it removes.
     """
 
     force: tuple[float, float, float]
@@ -61,82 +57,39 @@ class Mount:
         return Mount((-x, -y, -z), pi - self.angle, self.share)
 
 
-@dataclass(frozen=True, eq=False)
-class _Equations:
-    """Torques of all joints as functions of the specific force: columns (4, rows, b), friction, torque and folds."""
-
-    columns: Array
-    friction: Array
-    torque: Array
-    fold: Array
-
-    def build(self, force: Array) -> Array:
-        """Return the columns of a specific force, of unit norm."""
-        rigid = self.columns[0] + np.tensordot(force, self.columns[1:], 1)
-        stacked = np.hstack([rigid, self.friction])
-        norms = np.linalg.norm(stacked, axis=0)
-        kept = norms > 1e-9 * norms.max()
-        return np.asarray(stacked[:, kept] / norms[kept])
-
-    def measure(self, force: Array) -> float:
-        """Return the held-out squared error of a specific force."""
-        X = self.build(force)
-        gram = X.T @ X + RIDGE * np.eye(X.shape[1])
-        right = X.T @ self.torque
-        total = 0.0
-        for k in range(FOLDS):
-            own = self.fold == k
-            less = X[own].T @ X[own]
-            values = np.linalg.solve(gram - less, right - X[own].T @ self.torque[own])
-            total += float(np.sum((self.torque[own] - X[own] @ values) ** 2))
-        return total
-
-    def improve(self, force: Array) -> tuple[float, Array]:
-        """Return the squared error and the direction that Gauss-Newton steps in the tangent plane lead to."""
-        now = self.measure(force)
-        for _ in range(MOST_STEPS):
-            rigid = self.columns[0] + np.tensordot(force, self.columns[1:], 1)
-            X = np.hstack([rigid, self.friction])
-            beta = np.linalg.lstsq(X, self.torque, rcond=1e-7)[0]
-            along = force / np.linalg.norm(force)
-            plane = np.linalg.svd(np.eye(3) - np.outer(along, along))[0][:, :2]
-            change = np.stack([Y @ beta[: rigid.shape[1]] for Y in self.columns[1:]], 1) @ plane
-            change -= X @ np.linalg.lstsq(X, change, rcond=1e-7)[0]
-            step = plane @ np.linalg.lstsq(change, self.torque - X @ beta, rcond=1e-6)[0]
-            tried = [_to_gravity(force + share * step) for share in STEP_SHARES]
-            error, best = min(((self.measure(f), f) for f in tried), key=lambda pair: pair[0])
-            if error > LEAST_PROGRESS * now:
-                break
-            now = error
-            force = best
-        return now, force
-
-
-def find_mount(rig: Rig, rows: Rows) -> Mount:
-    """Return the direction of gravity that predicts the torques of a standing base best."""
-    equations = _build_equations(rig, rows)
-    given = _to_gravity(-rig.model.gravity.linear)
-    before = equations.measure(given)
-    tried = [(equations.measure(_to_gravity(x)), _to_gravity(x)) for x in DIRECTIONS]
-    coarse = min(tried, key=lambda pair: pair[0])
-    starts = [given] if coarse[0] > before else [given, coarse[1]]
-    after, force = min((equations.improve(f) for f in starts), key=lambda pair: pair[0])
-    cosine = float(np.clip(force @ given / GRAVITY**2, -1.0, 1.0))
-    x, y, z = force.tolist()
-    return Mount((x, y, z), float(np.arccos(cosine)), 1.0 - after / max(before, 1e-300))
+def find_mount(rig: Rig, rows: Rows) -> Mount | None:
+    """Return the direction of gravity that predicts the torques of a standing base best; None: nearly the URDF's."""
+    measure = _build_error(rig, rows)
+    given = -rig.model.gravity.linear
+    before = measure(given)
+    coarse = min(DIRECTIONS, key=measure)
+    tried = [minimize(measure, start, method="BFGS") for start in (given, coarse)]
+    best = min(tried, key=lambda result: float(result.fun))
+    mount = _build_mount(best.x, given, 1.0 - best.fun / max(before, 1e-300))
+    return mount if mount.angle > SMALL_TURN else None
 
 
 def find_turn(problem: Problem, solution: Solution) -> Mount | None:
     """Return the direction of gravity that a model has found as a small turn; None: it has none."""
-    turns = [one for one in solution.accepted if isinstance(one.cause, BaseTilt)]
-    if not turns:
-        return None
-    roll, pitch = (-solution.fit.theta[solution.get_places(turns[0], problem)]).tolist()
-    rotation = pin.rpy.rpyToMatrix(roll, pitch, 0.0)
     given = -problem.rig.model.gravity.linear
-    x, y, z = (rotation.T @ given).tolist()
-    cosine = float((rotation.T @ given) @ given / (given @ given))
-    return Mount((x, y, z), float(np.arccos(np.clip(cosine, -1.0, 1.0))), 1.0)
+    turned = _add_turn(problem, solution, given)
+    return None if np.array_equal(turned, given) else _build_mount(turned, given, 1.0)
+
+
+def _add_turn(problem: Problem, solution: Solution, force: Array) -> Array:
+    """Return a base's specific force with the small turn that a model has found."""
+    for turn in solution.accepted:
+        if isinstance(turn.cause, BaseTilt):
+            roll, pitch = (-solution.fit.theta[solution.get_places(turn, problem)]).tolist()
+            force = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ force
+    return force
+
+
+def _build_mount(force: Array, given: Array, share: float) -> Mount:
+    """Return a direction of gravity that removes a share of the squared error of the given one."""
+    x, y, z = (GRAVITY * force / np.linalg.norm(force)).tolist()
+    cosine = force @ given / np.linalg.norm(force) / np.linalg.norm(given)
+    return Mount((x, y, z), float(np.arccos(np.clip(cosine, -1.0, 1.0))), share)
 
 
 @dataclass(frozen=True)
@@ -157,70 +110,55 @@ def measure_tilt(search: Search, solution: Solution, mount: Mount) -> Tilt:
 
     A further small turn that the model has found is part of it. The deviations are those of such a turn.
     """
-    force = np.array(mount.force)
     std = dict[str, float]()
-    turns = [x.candidate for x in search.changes if isinstance(x.candidate.cause, BaseTilt)]
-    for turn in turns:
-        without = search.fit_without(solution, [turn]) if turn in solution.accepted else solution
-        hit = search.measure(without, turn)
+    for change in search.changes:
+        turn = change.candidate
+        if not isinstance(turn.cause, BaseTilt):
+            continue
+        accepted = [x for x in solution.accepted if x == turn]
+        hit = search.measure(search.fit_without(solution, accepted), turn)
         if hit is not None and len(hit.coefficients) == 2:
             std = dict(zip(("roll", "pitch"), np.sqrt(np.diag(hit.covariance)).tolist()))
-        if turn in solution.accepted:
-            roll, pitch = (-solution.fit.theta[solution.get_places(turn, search.problem)]).tolist()
-            force = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ force
-    x, y, z = (force / np.linalg.norm(force)).tolist()
-    return Tilt(BaseTilt(roll=atan2(y, z), pitch=-asin(min(max(x, -1.0), 1.0))), std)
+    x, y, z = _add_turn(search.problem, solution, np.array(mount.force)).tolist()
+    return Tilt(BaseTilt(roll=atan2(y, z), pitch=atan2(-x, hypot(y, z))), std)
 
 
-def _to_gravity(force: Array) -> Array:
-    """Return a vector with the size of gravity."""
-    return np.asarray(GRAVITY * force / np.linalg.norm(force))
+def _build_error(rig: Rig, rows: Rows) -> Callable[[Array], float]:
+    """Return the squared error, each joint's over its torque's, as a function of the direction of specific force."""
+    parts = [_build_equations(rig, part) for part in rows.stretches]
+    equations = np.concatenate(parts)
+    equations /= np.std(equations[:, :, -1:], axis=0) + 1e-12
+    flat = equations.reshape(-1, equations.shape[-1])
+    gram = flat.T @ flat
+    count = (len(gram) - 1 - 3 * rig.n) // 4
+    others = np.eye(len(gram) - 4 * count)
+
+    def measure(direction: Array) -> float:
+        force = GRAVITY * direction / np.linalg.norm(direction)
+        rigid = np.kron(np.r_[1.0, force][:, None], np.eye(count))
+        mixing = block_diag(rigid, others)
+        products = mixing.T @ gram @ mixing
+        norms = np.sqrt(np.diag(products))
+        norms = np.where(norms > 1e-9 * norms.max(), norms, np.inf)
+        *_, right = unit = products / np.outer(norms, norms)
+        left = unit[:-1, :-1] + RIDGE * np.eye(len(unit) - 1)
+        return float(products[-1, -1] * (1.0 - right[:-1] @ np.linalg.solve(left, right[:-1])))
+
+    return measure
 
 
-def _build_equations(rig: Rig, rows: Rows) -> _Equations:
-    """Return the equations at samples some hundredths of a second apart."""
+def _build_equations(rig: Rig, part: Stretch) -> Array:
+    """Return columns and torque at some inner samples, (samples, n, 4 b + 3 n + 1): Y_0 ... Y_3, friction, torque."""
     places = find_base_columns(rig, reduce_parameters(rig, base="tilted"))
-    n = rig.n
-    columns = list[Array]()
-    friction = list[Array]()
-    torque = list[Array]()
-    fold = list[Array]()
-    forces = np.vstack([np.zeros(3), np.eye(3)])
-    for part in rows.stretches:
-        at = np.arange(0, len(part.time), max(1, int(COARSE_SECONDS / part.dt)))
-        block = part.block[np.minimum(at * part.count // len(part.time), part.count - 1)]
-        at = at[block != OUTER]
-        block = block[block != OUTER]
-        x = part.samples
-        still = np.zeros((len(at), 3))
-        each = [
-            compute_regressor(
-                rig,
-                x.q[at],
-                x.v[at],
-                x.a[at],
-                Platform(part.time[at], np.tile(f, (len(at), 1)), still, still),
-                places,
-            )
-            for f in forces
-        ]
-        weight = part.weight[at]
-        rigid = np.stack([each[0], *(Y - each[0] for Y in each[1:])])
-        columns.append((rigid * weight[None, :, :, None]).reshape(4, -1, len(places)))
-        own = np.zeros((len(at), n, 3 * n))
-        for j in range(n):
-            own[:, j, 3 * j] = part.direction[at, j]
-            own[:, j, 3 * j + 1] = x.v[at, j]
-            own[:, j, 3 * j + 2] = 1.0
-        friction.append((own * weight[:, :, None]).reshape(-1, 3 * n))
-        torque.append((x.tau[at] * weight).ravel())
-        fold.append(np.repeat(block % FOLDS, n))
-    y = np.concatenate(torque)
-    joint = np.tile(np.arange(n), len(y) // n)
-    scale = np.array([1.0 / (y[joint == j].std() + 1e-12) for j in range(n)])[joint]
-    return _Equations(
-        np.concatenate(columns, axis=1) * scale[None, :, None],
-        np.concatenate(friction) * scale[:, None],
-        y * scale,
-        np.concatenate(fold),
-    )
+    at = np.arange(0, len(part.time), max(1, int(COARSE_SECONDS / part.dt)))
+    at = at[part.block[at * part.count // len(part.time)] != OUTER]
+    x = part.samples
+    t = part.time[at]
+    moving, *forced = [
+        compute_regressor(rig, x.q[at], x.v[at], x.a[at], build_standing_platform(t, f), places)
+        for f in np.vstack([np.zeros(3), np.eye(3)])
+    ]
+    laws = np.stack([part.direction[at], x.v[at], np.ones_like(x.v[at])], axis=-1)
+    friction = (np.eye(rig.n)[:, :, None] * laws[:, :, None]).reshape(len(at), rig.n, 3 * rig.n)
+    columns = [moving, *(Y - moving for Y in forced), friction, x.tau[at, :, None]]
+    return np.concatenate(columns, axis=-1) * part.weight[at][:, :, None]

@@ -7,13 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gimbal_pin.diagnosis.search import Search, Solution
-from gimbal_pin.diagnosis.structure import (
-    Bursts,
-    Structure,
-    build_motion_rows,
-    find_bursts,
-    find_structure,
-)
+from gimbal_pin.diagnosis.structure import NO_BURSTS, Bursts, find_bursts, find_structure
 
 
 @dataclass(frozen=True)
@@ -30,51 +24,41 @@ class Rest:
     """
 
     left: float
-    predictable: float
-    suspected: float
-    is_unknown: bool
-    groups: tuple[str, ...]
-    bursts: Bursts
+    predictable: float = 0.0
+    suspected: float = 0.0
+    is_unknown: bool = False
+    groups: tuple[str, ...] = ()
+    bursts: Bursts = NO_BURSTS
 
 
 def describe_rest(search: Search, solution: Solution) -> list[Rest]:
     """Return what a model leaves at each joint."""
+    return [_describe_joint(search, solution, j) for j in search.problem.joints]
+
+
+def _describe_joint(search: Search, solution: Solution, joint: int) -> Rest:
+    """Return what a model leaves at a joint; what is immaterial is not looked into."""
     problem = search.problem
     settings = problem.settings
-    motion = build_motion_rows(problem, search.whitening, solution.torque)
-    out = list[Rest]()
-    for j in problem.joints:
-        left = solution.left[:, j]
-        structure = find_structure(
-            problem, search.whitening, solution.fit, solution.torque, motion, j, left
-        )
-        bursts = find_bursts(problem, solution.torque, j, left)
-        error = float(solution.errors[j])
-        predictable = error * float(np.sqrt(max(1 - structure.left**2, 0.0)))
-        torque = float(problem.torque_rms[j])
-        is_clear = is_gain_clear(search, structure)
-        is_large = predictable > max(
-            settings.material_share * torque, settings.unknown_share * error
-        )
-        is_burst = (
-            bursts.size > settings.material_share * torque and bursts.share > settings.burst_share
-        )
-        is_open = problem.rows.used[j] > 0 and error > settings.open_share * torque
-        out.append(
-            Rest(
-                error,
-                predictable if is_clear else 0.0,
-                predictable if structure.gain >= settings.gain_nats else 0.0,
-                (is_clear and is_large) or is_burst or is_open,
-                structure.groups,
-                bursts,
-            )
-        )
-    return out
-
-
-def is_gain_clear(search: Search, structure: Structure) -> bool:
-    """Return whether the flexible model's gain is more than its search finds by chance."""
-    nats = search.problem.settings.gain_nats
+    torque = float(problem.torque_rms[joint])
+    material = settings.material_share * torque
+    error = float(solution.errors[joint])
+    if error <= material:
+        return Rest(error)
+    structure = find_structure(search, solution, joint)
+    bursts = find_bursts(search, solution, joint)
+    predictable = error * float(np.sqrt(max(1 - structure.remaining**2, 0.0)))
+    is_suspected = structure.gain >= settings.gain_nats
     deviations = search.count_deviations(1) * structure.standard_error
-    return structure.gain >= nats and structure.gain >= deviations
+    is_clear = is_suspected and structure.gain >= deviations
+    is_large = predictable > max(material, settings.unknown_share * error)
+    is_burst = bursts.size > material and bursts.share > settings.burst_share
+    is_open = problem.rows.used[joint] > 0 and error > settings.open_share * torque
+    return Rest(
+        left=error,
+        predictable=predictable * is_clear,
+        suspected=predictable * is_suspected,
+        is_unknown=(is_clear and is_large) or is_burst or is_open,
+        groups=structure.groups,
+        bursts=bursts,
+    )

@@ -40,7 +40,8 @@ class Settings:
         rival_probability: Probability from which a rival is part of a finding's class.
         unknown_share: Share of what is left, rms, that must be predictable to be called unknown.
         open_share: Share of a joint's torque, rms, from which what is left is called unknown whatever predicts it.
-        burst_power: Power of a quarter of a second over what the motion lets expect, from which it is a burst.
+        burst_seconds: Length of the windows in which bursts are looked for, s: some periods of the band.
+        burst_power: Power of such a window over what the motion lets expect, from which it is a burst.
         burst_share: Share of the rest's rms that bursts must hold to be called unknown.
         shift_seconds: Time between a joint's torque and its motion that is a finding, s: channels of one logger may
             be a few milliseconds apart.
@@ -76,6 +77,7 @@ class Settings:
     rival_probability: float = 0.05
     unknown_share: float = 0.5
     open_share: float = 0.5
+    burst_seconds: float = 0.25
     burst_power: float = 6.0
     burst_share: float = 0.6
     shift_seconds: float = 4.5e-3

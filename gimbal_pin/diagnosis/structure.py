@@ -1,485 +1,384 @@
-"""Structure of a joint's residual: a rich regression on the motion and the load, and bursts of power.
+"""Flexible model of a joint's torque: a rich regression on the motion and the load, and bursts of power.
 
-What the flexible model does not contain can never be *unknown*, so it is rich. Its groups of functions are screened
+What the flexible model does not contain can never be *unknown*, so it is rich. Its groups of functions are measured
 alone; the best are joined, and ridge and number are chosen by the held-out gain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfiltfilt
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, find_peaks, lfilter, sosfiltfilt
 
-from gimbal_pin.diagnosis.problem import Problem, Whitening
-from gimbal_pin.diagnosis.score import BlockFit, compute_standard_error, pack_columns
-from gimbal_pin.effects import Sample
+from gimbal_pin.diagnosis.problem import Problem
+from gimbal_pin.diagnosis.rows import Indices
+from gimbal_pin.diagnosis.score import pack_columns
+from gimbal_pin.diagnosis.search import Search, Solution
 from gimbal_pin.log.log import Array
 
-TIME_CONSTANTS = (0.03, 0.1, 0.3, 1.0, 3.0)
-"""Time constants of the memories of the motion, s."""
-HEATING_TIMES = (0.3, 3.0, 10.0, 30.0, 100.0)
+MEMORY_SECONDS = (0.03, 0.1, 0.3, 1.0, 3.0)
+"""Time constants of the memories of the motion and of the load, s."""
+HEATING_SECONDS = (0.3, 3.0, 10.0, 30.0, 100.0)
 """Time constants of the heat, s."""
 RINGING_HERTZ = np.geomspace(0.5, 4.0, 14)
 """Resonances that the acceleration drives, Hz: above 4 Hz they read the acceleration's noise."""
 RINGING_DAMPING = 0.08
 """Damping ratio of these: as wide as two are apart."""
-ALONE_RIDGE = 0.3
-"""Ridge on a group alone, on columns of unit norm."""
-OTHER_RIDGES = (3.0, 0.03)
-"""Ridges that the best group is tried with besides."""
-JOINED = (2, 4, 7)
+RIDGES = (3.0, 0.3)
+"""Ridges on the columns of unit norm that are tried; the last is that of a group alone."""
+JOINED = (1, 2, 4, 7)
 """Numbers of the best groups that are joined."""
-JOINED_RIDGES = (3.0, 0.3)
-"""Ridges that they are tried with."""
-WORST_JOINED = -5.0
-"""Gain of the last of these, nats, from which they are joined."""
 LINES = 6
 """Lines over time or load that are tried."""
-LINE_GAIN = 3.0
-"""Gain of a line beyond the number of frequencies that were searched, nats."""
-BURST_SECONDS = 0.25
-"""Length of the windows in which bursts are looked for, s."""
 FEWEST_WINDOWS = 40
 """Fewest windows that tell what is usual."""
 
-Features = dict[str, list[Array]]
 
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Signals that the functions at a joint read along one stretch.
 
-def bump(z: Array, count: int, reach: float = 2.0) -> list[Array]:
-    """Return Gaussian bumps of unit height whose centres lie evenly over ±reach."""
-    centres = np.linspace(-reach, reach, count)
-    width = 0.8 * 2 * reach / (count - 1)
-    return [np.exp(-0.5 * ((z - centre) / width) ** 2) for centre in centres]
+    Neighbours are all other joints on a rig of up to three.
 
-
-def turn(angle: Array, orders: range) -> list[Array]:
-    """Return cosines and sines of multiples of an angle."""
-    return [wave(k * angle) for k in orders for wave in (np.cos, np.sin)]
-
-
-def forget(x: Array, time_constant: float, dt: float) -> Array:
-    """Return a first-order fading memory of x (m,)."""
-    keep = np.exp(-dt / time_constant)
-    return np.asarray(lfilter([1 - keep], [1, -keep], x, zi=keep * x[:1])[0])
-
-
-def ring(x: Array, hertz: float, dt: float) -> list[Array]:
-    """Return displacement and rate of an oscillator that x drives, (m,) each."""
-    w = 2 * np.pi * hertz
-    pole = np.exp(complex(-RINGING_DAMPING, np.sqrt(1 - RINGING_DAMPING**2)) * w * dt)
-    swing = lfilter([1 - abs(pole)], [1, -pole], x - x.mean() + 0j)
-    return [swing.real, swing.imag]
-
-
-def slip(x: Array, reach: float) -> Array:
-    """Return the stretch of a spring behind a friction element as x moves, over its largest, in ±1 (m,)."""
-    up = np.diff(x, prepend=x[:1]) >= 0
-    turns = np.flatnonzero(up[1:] != up[:-1])
-    at = x[np.r_[0, turns]]
-    stretch = [0.0]
-    for moved in np.diff(at).tolist():
-        stretch.append(min(max(stretch[-1] + moved, -reach), reach))
-    since = np.searchsorted(turns, np.arange(len(x)))
-    return np.asarray(np.clip(np.array(stretch)[since] + x - at[since], -reach, reach) / reach)
-
-
-class JointState(NamedTuple):
-    """State that a joint's effects read along one stretch, (m,) each: see `Sample`."""
+    Attributes:
+        t: Time, s, (m,).
+        q: Angle, rad, (m,).
+        v: Rate, rad/s, (m,).
+        direction: Direction of sliding, (m,).
+        weight: Torque at rest over the rms torque, (m,).
+        others: Rates, directions and torques of the other joints, (k, m) each.
+        neighbours: Angles and rates of the neighbours, (k, m) each.
+        accelerations: Those of the joint and its neighbours, rad/s², (k, m).
+        torques: The same of torques, N m, (k, m).
+        dt: Interval, s.
+        seconds: Length of the logs, s.
+        travel: The joint's travel, rad.
+        place: Angle from the middle of the travel over a quarter of it, (m,).
+        rate: Rate over half of what 98 % of the rates stay under, (m,).
+        load: Torque over the rms torque, (m,).
+    """
 
     t: Array
     q: Array
     v: Array
-    a: Array
-    slide: Array
-    tau: Array
+    direction: Array
     weight: Array
-
-    @classmethod
-    def of(cls, sample: Sample) -> JointState:
-        """Return the arrays of a sample."""
-        values = [np.asarray(getattr(sample, name), dtype=float) for name in cls._fields]
-        return cls(*values)
-
-
-class Surroundings(NamedTuple):
-    """Signals that the functions at a joint read along one stretch.
-
-    Attributes:
-        own: State of the joint.
-        others: States of the other joints.
-        near: Those of the neighbouring joints, all of them on a rig of up to three.
-        dt: Interval, s.
-        seconds: Length of the logs, s.
-        travel: The joint's travel, rad.
-        middle: Middle of it, rad.
-        rate: What 98 % of its rates stay under, rad/s.
-        level: Rms of its torque, N m.
-    """
-
-    own: JointState
-    others: list[JointState]
-    near: list[JointState]
+    others: tuple[Array, Array, Array]
+    neighbours: tuple[Array, Array]
+    accelerations: Array
+    torques: Array
     dt: float
     seconds: float
     travel: float
-    middle: float
-    rate: float
-    level: float
+    place: Array
+    rate: Array
+    load: Array
 
 
-def _look_around(
-    problem: Problem, stretch: int, joint: int, torque: Sequence[Array]
-) -> Surroundings:
+def bump(x: Array, count: int) -> Array:
+    """Return Gaussian bumps of unit height whose centres lie evenly over ±2, (count, m)."""
+    centres = np.linspace(-2.0, 2.0, count)[:, None]
+    return np.asarray(np.exp(-0.5 * ((x - centres) * (count - 1) / 3.2) ** 2))
+
+
+def turn(angle: Array, count: int) -> Array:
+    """Return cosines and sines of the first multiples of an angle, (2 count, m)."""
+    phase = np.arange(1, count + 1)[:, None] * angle
+    return np.vstack([np.cos(phase), np.sin(phase)])
+
+
+def cross(first: Array, *second: Array | float) -> Array:
+    """Return the products of functions (a, m) with each of others, (k, m) or (m,), (all k times a, m)."""
+    rows = np.vstack([np.atleast_2d(x + 0 * first[0]) for x in second])
+    return (first[:, None] * rows).reshape(-1, first.shape[1])
+
+
+def forget(s: Surroundings, seconds: Sequence[float], *signals: Array) -> Array:
+    """Return first-order fading memories of signals (m,), (signals times time constants, m)."""
+    keep = np.exp(-s.dt / np.array(seconds))
+    return np.stack([lfilter([1 - k], [1, -k], x, zi=k * x[:1])[0] for k in keep for x in signals])
+
+
+def ring(s: Surroundings) -> Array:
+    """Return displacements and rates of oscillators that the accelerations nearby drive."""
+    low_pass = butter(3, RINGING_HERTZ[-1], fs=1 / s.dt, output="sos")
+    slow = sosfiltfilt(low_pass, s.accelerations - s.accelerations.mean(axis=1, keepdims=True))
+    damped = complex(-RINGING_DAMPING, np.sqrt(1 - RINGING_DAMPING**2))
+    poles = np.exp(damped * 2 * np.pi * RINGING_HERTZ * s.dt)
+    swings = [lfilter([1 - abs(pole)], [1, -pole], slow + 0j) for pole in poles]
+    return np.vstack([part for x in swings for part in (x.real, x.imag)])
+
+
+def slip(x: Array, *reaches: float) -> Array:
+    """Return stretches of springs behind friction elements as x moves, over their largest, in ±1, (reaches, m)."""
+    moves = np.diff(x).tolist()
+
+    def stretch(reach: float) -> list[float]:
+        now = accumulate(moves, lambda y, dx: min(max(y + dx, -reach), reach), initial=0.0)
+        return list(now)
+
+    return np.array([stretch(reach) for reach in reaches]) / np.array(reaches)[:, None]
+
+
+def _mix_motions(s: Surroundings) -> Array:
+    """Return rates and directions of the other joints and their products with the joint's."""
+    v, direction, _ = s.others
+    return np.vstack([direction, v, np.abs(v), s.v * v, v**2, s.direction * direction])
+
+
+def _mix_torques(s: Surroundings) -> Array:
+    """Return torques of the other joints, their sizes, and these times the joint's direction."""
+    torque = s.others[2]
+    return np.vstack([torque, np.abs(torque), s.direction * torque])
+
+
+def _mix_angles(s: Surroundings) -> Array:
+    """Return waves of the joint's angle, its neighbours' and their sums and differences, also times their rates."""
+    q, v = s.neighbours
+    angles = [q, s.q - q, s.q + q, s.q + 0 * q]
+    waves = [wave(angle) for angle in angles for wave in (np.cos, np.sin)]
+    return np.vstack([*waves, *(wave * v for wave in waves)])
+
+
+def _list_hysteresis(s: Surroundings) -> Array:
+    """Return springs behind friction over the angle, and their squares with the sign."""
+    stretch = slip(s.q, *(share * max(s.travel, 1e-6) for share in (0.01, 0.03, 0.1, 0.2, 0.4)))
+    return np.vstack([stretch, stretch[1:] * np.abs(stretch[1:])])
+
+
+def _list_slow_waves(s: Surroundings) -> Array:
+    """Return half waves over the whole log, (6, m)."""
+    return np.cos(np.pi * np.arange(1, 7)[:, None] * s.t / s.seconds)
+
+
+Function = Callable[[Surroundings], Array]
+
+GROUPS: dict[str, Function] = {
+    "angle": lambda s: turn(np.pi / 4 * s.place, 14),
+    "angle by direction": lambda s: s.direction * turn(np.pi / 4 * s.place, 7),
+    "places": lambda s: bump(s.place, 40),
+    "places by direction": lambda s: s.direction * bump(s.place, 40),
+    "rate": lambda s: cross(bump(s.rate, 9), 1.0, s.direction),
+    "slow time": lambda s: cross(_list_slow_waves(s), 1.0, s.direction, s.v),
+    "memory of motion": lambda s: forget(
+        s, MEMORY_SECONDS, s.q - s.q[0], s.v, s.direction, np.abs(s.v)
+    ),
+    "hysteresis": _list_hysteresis,
+    "ringing": ring,
+    "angle and rate": lambda s: cross(bump(s.place, 6), bump(s.rate, 6)),
+    "other joints": _mix_motions,
+    "other joints by angle": _mix_angles,
+    "load": lambda s: cross(bump(s.load, 9), 1.0, s.direction),
+    "fine load": lambda s: bump(s.load, 40),
+    "load over slow time": lambda s: s.load * _list_slow_waves(s),
+    "heat": lambda s: cross(forget(s, HEATING_SECONDS, s.load**2), 1.0, s.load, s.direction, s.v),
+    "torques over angle": lambda s: cross(turn(s.q, 8), s.torques),
+    "memory of load": lambda s: forget(s, MEMORY_SECONDS, s.load, np.abs(s.load)),
+    "hysteresis of load": lambda s: slip(s.load, 0.1, 0.2, 0.5, 1.0),
+    "load and rate": lambda s: cross(bump(s.load, 6), bump(s.rate, 6)),
+    "load and angle": lambda s: cross(bump(s.load, 6), bump(s.place, 6)),
+    "other torques": _mix_torques,
+}
+"""Name of a group of the flexible model → its functions along a stretch, (k, m)."""
+
+CURVES: dict[str, Function] = {
+    "asymmetric-friction": GROUPS["rate"],
+    "dead-zone": GROUPS["fine load"],
+    "load-dependent-friction": lambda s: (
+        s.direction * np.vstack([bump(s.load, 9), bump(s.weight, 9)])
+    ),
+    "saturation": GROUPS["fine load"],
+    "stribeck": lambda s: s.direction * bump(np.abs(s.rate), 17),
+}
+"""Name of a cause → flexible functions of its own variable, of which every form of it is one; others have one form.
+
+Any friction over load or rate is friction over these. A force over the angle need be no spring.
+"""
+
+
+def list_surroundings(problem: Problem, joint: int, torque: Sequence[Array]) -> list[Surroundings]:
+    """Return what the functions at a joint read along each stretch; `torque`: a model's, N m, (m, n) per stretch."""
+    stretches = range(len(problem.rows.stretches))
+    return [_describe_stretch(problem, s, joint, torque[s]) for s in stretches]
+
+
+def _describe_stretch(problem: Problem, stretch: int, joint: int, torque: Array) -> Surroundings:
     """Return what the functions at a joint read along a stretch."""
-    samples = [JointState.of(problem.sample(stretch, j, torque[stretch])) for j in problem.joints]
-    seen = problem.ranges[joint]
-    n = problem.rig.n
-    near = [samples[j] for j in problem.joints if j != joint and (n <= 3 or abs(j - joint) <= 1)]
+    part = problem.rows.stretches[stretch]
+    x = part.samples
+    q, v, a, direction, tau = (y.T for y in (x.q, x.v, x.a, part.direction, torque))
+    apart = np.abs(np.array(problem.joints) - joint)
+    is_near = apart <= (1 if len(apart) > 3 else 2)
+    is_neighbour = is_near & (apart > 0)
+    observed = problem.ranges[joint]
+    level = observed.rms + 1e-12
     return Surroundings(
-        own=samples[joint],
-        others=[x for j, x in enumerate(samples) if j != joint],
-        near=near,
-        dt=problem.rows.stretches[stretch].dt,
-        seconds=seen.seconds,
-        travel=seen.travel,
-        middle=seen.middle,
-        rate=seen.rate + 1e-12,
-        level=seen.rms + 1e-12,
+        t=part.time,
+        q=q[joint],
+        v=v[joint],
+        direction=direction[joint],
+        weight=problem.weight[stretch][:, joint] / level,
+        others=(v[apart > 0], direction[apart > 0], tau[apart > 0]),
+        neighbours=(q[is_neighbour], v[is_neighbour]),
+        accelerations=a[is_near],
+        torques=tau[is_near],
+        dt=part.dt,
+        seconds=observed.seconds,
+        travel=observed.travel,
+        place=(q[joint] - observed.middle) / (0.25 * max(observed.travel, 1e-9)),
+        rate=2 * v[joint] / (observed.rate + 1e-12),
+        load=tau[joint] / level,
     )
 
 
-def compute_smooth_functions(problem: Problem, joint: int, torque: Sequence[Array]) -> list[Array]:
-    """Return some hundred smooth functions for the noise's estimate along each stretch, (m, k).
-
-    Of angle, rate, load, direction, slow time and the other joints. More of them make the estimate worse: with those of
-    the flexible model a joint's held-out error rose from 9 to 15 %.
-    """
-    out = list[Array]()
-    for s in range(len(problem.rows.stretches)):
-        around = _look_around(problem, s, joint, torque)
-        q = around.own.q
-        v = around.own.v
-        d = around.own.slide
-        load = around.own.tau
-        angle = np.pi * q / max(around.travel, 0.3)
-        columns = turn(angle, range(1, 15))
-        columns += [d * x for x in turn(angle, range(1, 8))]
-        for z in (2 * v / around.rate, load / around.level):
-            columns += [w * x for x in bump(z, 9) for w in (1.0, d)]
-        for wave in _list_slow_waves(around):
-            columns += [wave, d * wave]
-        for x in around.others:
-            columns += [x.slide, x.v, x.tau, np.abs(x.tau)]
-        for x in [around.own, *around.near]:
-            columns += [x.tau * wave for wave in turn(q, range(1, 9))]
-        out.append(np.column_stack(columns))
-    return out
-
-
-def _list_slow_waves(around: Surroundings) -> list[Array]:
-    """Return half waves over the whole log."""
-    return [np.cos(np.pi * k * around.own.t / around.seconds) for k in range(1, 7)]
-
-
-def _list_motion_features(around: Surroundings) -> Features:
-    """Return groups of functions of the motion."""
-    q = around.own.q
-    v = around.own.v
-    d = around.own.slide
-    angle = np.pi * q / max(around.travel, 0.3)
-    place = (q - around.middle) / (0.25 * max(around.travel, 1e-9))
-    rate = 2 * v / around.rate
-    low_pass = butter(3, min(4.0, 0.4 / around.dt), fs=1 / around.dt, output="sos")
-    hysteresis = [slip(q, r * max(around.travel, 1e-6)) for r in (0.01, 0.03, 0.1, 0.2, 0.4)]
-    features: Features = {
-        "angle": turn(angle, range(1, 15)),
-        "angle by direction": [d * x for x in turn(angle, range(1, 8))],
-        "places": bump(place, 40),
-        "places by direction": [d * x for x in bump(place, 40)],
-        "rate": [w * x for x in bump(rate, 9) for w in (1.0, d)],
-        "slow time": [w * x for x in _list_slow_waves(around) for w in (1.0, d, v)],
-        "memory of motion": [
-            forget(x, time, around.dt)
-            for time in TIME_CONSTANTS
-            for x in (q - q[0], v, d, np.abs(v))
-        ],
-        "hysteresis": [*hysteresis, *(x * np.abs(x) for x in hysteresis[1:])],
-        "ringing": [
-            swing
-            for x in [around.own, *around.near]
-            for hertz in RINGING_HERTZ
-            if hertz > 2 / around.seconds
-            for swing in ring(sosfiltfilt(low_pass, x.a), float(hertz), around.dt)
-        ],
-        "angle and rate": [x * y for x in bump(place, 6) for y in bump(rate, 6)],
+def project_functions(
+    problem: Problem, joint: int, states: Sequence[Surroundings], groups: Mapping[str, Function]
+) -> dict[str, Array]:
+    """Return the rows of groups of functions at a joint, (N, k) by name; empty groups are left out."""
+    rows = {
+        name: problem.rows.project([functions(state).T for state in states], joint)
+        for name, functions in groups.items()
     }
-    if around.others:
-        features["other joints"] = [
-            x
-            for other in around.others
-            for x in (
-                other.slide,
-                other.v,
-                np.abs(other.v),
-                v * other.v,
-                other.v**2,
-                d * other.slide,
-            )
-        ]
-    if around.near:
-        features["other joints by angle"] = [
-            w * wave
-            for other in around.near
-            for w in (1.0, other.v)
-            for angles in (other.q, q - other.q, q + other.q, q)
-            for wave in turn(angles, range(1, 2))
-        ]
-    return features
+    return {name: x for name, x in rows.items() if x.shape[1]}
 
 
-def _list_load_features(around: Surroundings) -> Features:
-    """Return groups of functions that read the model's torque."""
-    q = around.own.q
-    v = around.own.v
-    d = around.own.slide
-    torque = around.own.tau
-    load = torque / around.level
-    place = (q - around.middle) / (0.25 * max(around.travel, 1e-9))
-    rate = 2 * v / around.rate
-    features: Features = {
-        "load": [w * x for x in bump(load, 9) for w in (1.0, d)],
-        "fine load": bump(load, 40),
-        "load over slow time": [load * x for x in _list_slow_waves(around)],
-        "heat": [
-            w * forget(load**2, time, around.dt)
-            for time in HEATING_TIMES
-            for w in (1.0, load, d, v)
-        ],
-        "torques over angle": [
-            x.tau * wave for x in [around.own, *around.near] for wave in turn(q, range(1, 9))
-        ],
-        "memory of load": [
-            forget(x, time, around.dt) for time in TIME_CONSTANTS for x in (load, np.abs(load))
-        ],
-        "hysteresis of load": [slip(load, reach) for reach in (0.1, 0.2, 0.5, 1.0)],
-        "load and rate": [x * y for x in bump(load, 6) for y in bump(rate, 6)],
-        "load and angle": [x * y for x in bump(load, 6) for y in bump(place, 6)],
-    }
-    if around.others:
-        features["other torques"] = [
-            x for other in around.others for x in (other.tau, np.abs(other.tau), d * other.tau)
-        ]
-    return features
+def _whiten_functions(
+    search: Search, joint: int, states: Sequence[Surroundings], groups: Mapping[str, Function]
+) -> dict[str, Array]:
+    """Return the whitened inner rows of groups of functions at a joint."""
+    problem = search.problem
+    rows = project_functions(problem, joint, states, groups)
+    return {name: search.whitening.apply(problem.rows, x, joint) for name, x in rows.items()}
 
 
-def list_curve(name: str, around: Surroundings) -> list[Array]:
-    """Return a flexible function of a cause's own variable that any form of the cause is; none: it has one form only.
-
-    Any friction over load or rate is friction over these. A force over the angle need be no spring.
-    """
-    own = around.own
-    d = own.slide
-    match name:
-        case "load-dependent-friction":
-            loads = [own.tau / around.level, own.weight / around.level]
-            return [d * x for z in loads for x in bump(z, 9)]
-        case "asymmetric-friction":
-            return [w * x for x in bump(2 * own.v / around.rate, 9) for w in (1.0, d)]
-        case "stribeck":
-            return [d * x for x in bump(2 * np.abs(own.v) / around.rate, 17)]
-        case "dead-zone" | "saturation":
-            return bump(own.tau / around.level, 40)
-    return []
-
-
-def measure_curve(
-    problem: Problem,
-    whitening: Whitening,
-    fit: BlockFit,
-    torque: Sequence[Array],
-    joint: int,
-    name: str,
-) -> float:
-    """Return the held-out error over that of a model, rms over rms, once a cause has a curve of its own variable.
-
-    Args:
-        problem: The rows.
-        whitening: Their whitening.
-        fit: The model with the cause.
-        torque: Its torque along each stretch, N m, (m, n).
-        joint: The joint.
-        name: Name of the cause.
-    """
-    made = [
-        list_curve(name, _look_around(problem, s, joint, torque))
-        for s in range(len(problem.rows.stretches))
-    ]
-    if not made[0]:
-        return 1.0
-    signals = [np.column_stack(own) for own in made]
-    white = whitening.apply(problem.rows, problem.rows.project(signals, joint), joint)
-    pack = pack_columns({joint: white}, [white.shape[1]], fit.target, fit.folds)
-    after = float(fit.measure(pack, ALONE_RIDGE).errors[0, :, joint].sum())
+def _measure_groups(
+    solution: Solution, joint: int, groups: Sequence[Array], ridge: float
+) -> list[list[float]]:
+    """Return gain and its standard error, nats, and the remaining share of the error, rms, beside each group."""
+    fit = solution.fit
+    widths = [x.shape[1] for x in groups]
+    pack = pack_columns({joint: np.hstack(groups)}, widths, fit.target, fit.folds)
+    gains = fit.measure(pack, ridge)
     before = max(float(fit.squared_errors[:, joint].sum()), 1e-300)
-    return float(min(np.sqrt(after / before), 1.0))
+    remaining = np.sqrt(gains.errors[:, :, joint].sum(axis=1) / before)
+    figures: list[list[float]] = np.stack(
+        [gains.total, gains.standard_error, remaining], axis=1
+    ).tolist()
+    return figures
 
 
-@dataclass(frozen=True)
-class Structure:
+def measure_curve(search: Search, solution: Solution, joint: int, name: str) -> float:
+    """Return the share of a joint's held-out error, rms, that a curve of a cause's own variable leaves of a model's."""
+    if name not in CURVES:
+        return 1.0
+    states = list_surroundings(search.problem, joint, solution.torque)
+    groups = _whiten_functions(search, joint, states, {name: CURVES[name]})
+    return min(_measure_groups(solution, joint, [groups[name]], RIDGES[-1])[0][-1], 1.0)
+
+
+class Structure(NamedTuple):
     """Torque that the best flexible model predicts beyond a model.
 
     Attributes:
         gain: Its held-out gain less the cost of what was searched, nats.
         standard_error: Standard error of the gain, nats.
-        left: Held-out error that it leaves over that of the model, whitened rms over rms.
+        remaining: Held-out error that it leaves over that of the model, whitened rms over rms.
         groups: Names of its groups of functions, the best first.
     """
 
     gain: float
     standard_error: float
-    left: float
+    remaining: float
     groups: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class FeatureRows:
-    """Whitened rows of the groups of functions of the motion at every joint, (N, k) by name."""
+def find_structure(search: Search, solution: Solution, joint: int) -> Structure:
+    """Return the best flexible model of a joint beside a model."""
+    states = list_surroundings(search.problem, joint, solution.torque)
+    lines, costs = _find_lines(search, solution, joint, states)
+    groups = _whiten_functions(search, joint, states, GROUPS | lines)
 
-    by_joint: tuple[dict[str, Array], ...]
-
-
-def build_motion_rows(
-    problem: Problem, whitening: Whitening, torque: Sequence[Array]
-) -> FeatureRows:
-    """Return the functions that do not depend on the model."""
-    return FeatureRows(
-        tuple(
-            _whiten_features(problem, whitening, j, torque, _list_motion_features)
-            for j in problem.joints
-        )
-    )
-
-
-def _whiten_features(
-    problem: Problem,
-    whitening: Whitening,
-    joint: int,
-    torque: Sequence[Array],
-    list_features: Callable[[Surroundings], Features],
-) -> dict[str, Array]:
-    """Return the whitened inner rows of groups of functions at a joint."""
-    made = [
-        list_features(_look_around(problem, s, joint, torque))
-        for s in range(len(problem.rows.stretches))
-    ]
-    signals = [np.column_stack([x for group in own.values() for x in group]) for own in made]
-    white = whitening.apply(problem.rows, problem.rows.project(signals, joint), joint)
-    ends = np.cumsum([len(group) for group in made[0].values()])
-    return dict(zip(made[0], np.split(white, ends[:-1], axis=1)))
-
-
-def find_structure(
-    problem: Problem,
-    whitening: Whitening,
-    fit: BlockFit,
-    torque: Sequence[Array],
-    motion: FeatureRows,
-    joint: int,
-    left: Array,
-) -> Structure:
-    """Return the best flexible model of a joint beside a model.
-
-    Args:
-        problem: The rows.
-        whitening: Their whitening.
-        fit: The model.
-        torque: Its torque along each stretch, N m, (m, n).
-        motion: Rows of the functions of the motion.
-        joint: The joint.
-        left: Its held-out unwhitened residual, (N,).
-    """
-    target = fit.target
-    loads = _whiten_features(problem, whitening, joint, torque, _list_load_features)
-    lines, costs = _find_lines(problem, whitening, fit, torque, joint, left)
-    groups = {**motion.by_joint[joint], **loads, **lines}
-    squared = max(float(fit.squared_errors[:, joint].sum()), 1e-300)
-
-    def attempt(names: Sequence[str], ridges: Sequence[float]) -> Structure:
-        columns = np.hstack([groups[name] for name in names])
-        pack = pack_columns({joint: columns}, [columns.shape[1]], target, fit.folds)
-        cost = sum(costs.get(name, 0.0) for name in names)
-        tried = [
-            Structure(
-                float(gains.total[0]) - cost,
-                float(compute_standard_error(gains.by_fold[0])),
-                float(np.sqrt(gains.errors[0, :, joint].sum() / squared)),
-                tuple(names),
-            )
-            for gains in (fit.measure(pack, ridge) for ridge in ridges)
+    def attempt(tried: Sequence[tuple[str, ...]], ridge: float) -> list[Structure]:
+        columns = [np.hstack([groups[name] for name in names]) for names in tried]
+        figures = _measure_groups(solution, joint, columns, ridge)
+        return [
+            Structure(gain - sum(costs.get(name, 0.0) for name in names), std, remaining, names)
+            for (gain, std, remaining), names in zip(figures, tried)
         ]
-        return max(tried, key=lambda one: one.gain)
 
-    alone = sorted((attempt([name], [ALONE_RIDGE]) for name in groups), key=lambda one: -one.gain)
-    tried = [*alone, attempt(alone[0].groups, OTHER_RIDGES)]
-    for count in JOINED:
-        if count <= len(alone) and alone[count - 1].gain > WORST_JOINED:
-            names = [name for one in alone[:count] for name in one.groups]
-            tried.append(attempt(names, JOINED_RIDGES))
-    return max(tried, key=lambda one: one.gain)
+    alone = sorted(attempt([(name,) for name in groups], RIDGES[-1]), key=lambda x: -x.gain)
+    names = [x.groups[0] for x in alone if x.gain > 0]
+    joined = [tuple(names[:count]) for count in JOINED if count <= len(names)]
+    tried = [x for ridge in RIDGES if joined for x in attempt(joined, ridge)]
+    return max([alone[0], *tried], key=lambda x: x.gain)
 
 
 def _find_lines(
-    problem: Problem,
-    whitening: Whitening,
-    fit: BlockFit,
-    torque: Sequence[Array],
-    joint: int,
-    left: Array,
-) -> tuple[dict[str, Array], dict[str, float]]:
-    """Return whitened lines over time, over time times load, and over load, with the cost of having searched them."""
-    rows = problem.rows
-    load = [x[:, joint] for x in torque]
-    span = float(np.ptp(np.concatenate(load)))
-    seconds = rows.seconds
-    ones: list[Array] = [np.ones(len(x)) for x in load]
-    start = float(rows.stretches[0].time[0])
-    time = [part.time - start for part in rows.stretches]
-    kinds: list[tuple[str, list[Array], list[Array], tuple[float, float], float]] = [
-        ("lines in time", time, ones, (0.3, 0.95 * rows.band), seconds),
-        ("lines times load", time, load, (0.3, 0.95 * rows.band), seconds),
-    ]
-    if span > 0:
-        kinds.append(("lines over load", load, ones, (2 / span, 40 / span), span))
-    lines = dict[str, Array]()
+    search: Search, solution: Solution, joint: int, states: Sequence[Surroundings]
+) -> tuple[dict[str, Function], dict[str, float]]:
+    """Return clear lines over time, over time times load, and over load, and the cost of having searched them."""
+    rows = search.problem.rows
+    error = solution.fit.errors[:, joint]
+    load = np.concatenate([s.load for s in states])
+    span = float(np.ptp(load)) + 1e-12
+    band = 0.3, 0.95 * rows.band, rows.seconds
+    kinds: dict[str, tuple[Function, Function, tuple[float, float, float]]] = {
+        "lines in time": (lambda s: s.t, lambda s: np.ones_like(s.t), band),
+        "lines times load": (lambda s: s.t, lambda s: s.load, band),
+        "lines over load": (
+            lambda s: s.load,
+            lambda s: np.ones_like(s.t),
+            (2 / span, 40 / span, span),
+        ),
+    }
+    lines = dict[str, Function]()
     costs = dict[str, float]()
-    for name, over, times, (low, high), length in kinds:
-        frequencies = np.arange(low, high, 0.4 / length)
-        if not len(frequencies):
-            continue
-        at = _resample(problem, over)
-        power = np.abs(_transform(left * _resample(problem, times), at, frequencies)) ** 2
-        chosen = list[float]()
-        for _ in range(LINES):
-            k = int(np.argmax(power))
-            chosen.append(float(frequencies[k]))
-            power[np.abs(frequencies - frequencies[k]) < 1.5 / length] = 0
-        signals = [
-            np.column_stack(
-                [w * wave(2 * np.pi * f * x) for f in chosen for wave in (np.cos, np.sin)]
-            )
-            for x, w in zip(over, times)
-        ]
-        white = whitening.apply(rows, rows.project(signals, joint), joint)
+    for name, (variable, factor, (low, high, length)) in kinds.items():
+        x, w = (
+            _resample(search.problem, [read(s) for s in states])[rows.inner]
+            for read in (variable, factor)
+        )
         cost = float(np.log(max(length * (high - low), 1.0)))
-        pack = pack_columns({joint: white}, [2] * LINES, fit.target, fit.folds)
-        clear = np.flatnonzero(fit.measure(pack).total - cost > LINE_GAIN)
-        if len(clear):
-            lines[name] = white[:, np.repeat(2 * clear, 2) + np.tile([0, 1], len(clear))]
-            costs[name] = cost * len(clear)
+        least = cost + search.problem.settings.kept_nats
+        found = _find_frequencies(x, w * error, (low, high), length, least)
+        if len(found):
+            lines[name] = partial(_draw_lines, variable, factor, found)
+            costs[name] = cost * len(found)
     return lines, costs
+
+
+def _draw_lines(variable: Function, factor: Function, frequencies: Array, s: Surroundings) -> Array:
+    """Return cosines and sines of a variable times a factor, (2 f, m)."""
+    phase = 2 * np.pi * frequencies[:, None] * variable(s)
+    return factor(s) * np.vstack([np.cos(phase), np.sin(phase)])
+
+
+def _find_frequencies(
+    x: Array, y: Array, band: tuple[float, float], length: float, least: float
+) -> Array:
+    """Return the frequencies, per unit of x, of the highest peaks of ``|Σ y exp(2πi f x)|² / Σ y²``.
+
+    Args:
+        x: Variable, (N,).
+        y: Values, (N,).
+        band: Lowest and highest frequency.
+        length: Range of x.
+        least: Least height of a peak; of white noise it is exponentially distributed with mean 1.
+    """
+    rate = 8 * band[1]
+    place = ((x - x.min()) * rate).astype(int)
+    count = max(place.max() + 1, int(rate * length / 0.4))
+    power = np.abs(np.fft.rfft(np.bincount(place, y, count))) ** 2 / max(float(y @ y), 1e-300)
+    frequency = np.fft.rfftfreq(count, 1 / rate)
+    power[(frequency < band[0]) | (frequency > band[1])] = 0.0
+    peaks = find_peaks(power, least, distance=4)[0]
+    return np.asarray(frequency[peaks[np.argsort(-power[peaks])[:LINES]]])
 
 
 def _resample(problem: Problem, signals: Sequence[Array]) -> Array:
@@ -491,19 +390,6 @@ def _resample(problem: Problem, signals: Sequence[Array]) -> Array:
             for part, x in pairs
         ]
     )
-
-
-def _transform(y: Array, at: Array, frequencies: Array) -> Array:
-    """Return ``Σ y exp(2πi f x)`` at evenly spaced frequencies, by one rotation per frequency."""
-    rotation = (
-        np.exp(2j * np.pi * (frequencies[1] - frequencies[0]) * at) if len(frequencies) > 1 else 1.0
-    )
-    term = y * np.exp(2j * np.pi * frequencies[0] * at)
-    out = np.empty(len(frequencies), complex)
-    for k in range(len(frequencies)):
-        out[k] = term.sum()
-        term = term * rotation
-    return out
 
 
 @dataclass(frozen=True)
@@ -519,65 +405,70 @@ class Bursts:
     share: float
 
 
-def find_bursts(problem: Problem, torque: Sequence[Array], joint: int, left: Array) -> Bursts:
+NO_BURSTS = Bursts(0.0, 0.0)
+"""Bursts of noise."""
+
+
+def find_bursts(search: Search, solution: Solution, joint: int) -> Bursts:
     """Return windows whose power noise does not have.
 
     A cross-validated regression of the log power on load, its rate, acceleration and rate tells what is usual.
-
-    Args:
-        problem: The rows.
-        torque: A model's torque along each stretch, N m, (m, n).
-        joint: The joint.
-        left: Its held-out unwhitened residual, (N,).
     """
+    problem = search.problem
     rows = problem.rows
-    width = max(3, round(BURST_SECONDS * 2 * rows.band))
-    power = list[Array]()
-    motion = list[Array]()
-    first = 0
-    for part, x in zip(rows.stretches, torque):
-        length = part.count // width * width
-        own = left[first : first + length].reshape(-1, width)
-        kept = rows.inner[first : first + length].reshape(-1, width).all(axis=1)
-        first += part.count
-        opened = part.project(np.ones((len(part.time), 1)), joint)[:length, 0]
-        share = opened.reshape(-1, width).mean(axis=1)
-        kept &= share > 0.5
-        edges = np.linspace(0, len(part.time) * length / part.count, length // width + 1).astype(
-            int
-        )
-        channels = [
-            x[:, joint],
-            np.gradient(x[:, joint], part.dt),
-            part.samples.v[:, joint],
-        ]
-        drive = [np.add.reduceat(y**2, edges[:-1]) / np.diff(edges) for y in channels]
-        shaken = np.sum(part.samples.a**2, axis=1)
-        drive.append(np.add.reduceat(shaken, edges[:-1]) / np.diff(edges))
-        power.append((np.mean(own**2, axis=1) / np.maximum(share, 1e-3) ** 2)[kept])
-        motion.append(np.array(drive).T[kept])
-    observed = np.concatenate(power)
-    if len(observed) <= FEWEST_WINDOWS:
-        return Bursts(0.0, 0.0)
-    usual = _expect_power(observed, np.concatenate(motion))
-    excess = np.maximum(observed - problem.settings.burst_power * usual, 0.0)
+    width = max(3, round(problem.settings.burst_seconds * 2 * rows.band))
+    load = _resample(problem, [x[:, joint] for x in solution.torque])
+    signals = [
+        solution.left[:, joint],
+        load,
+        np.gradient(load, 0.5 / rows.band),
+        rows.sample("v")[:, joint],
+        np.linalg.norm(rows.sample("a"), axis=1),
+    ]
+    squares = np.column_stack(signals) ** 2
+    kept = np.column_stack([rows.inner, rows.sample("weight")[:, joint]])
+    middles = slice(width // 2, None, width)
+    is_inner, weight = uniform_filter1d(kept, width, axis=0)[middles].T
+    windows = uniform_filter1d(squares, width, axis=0)[middles]
+    is_open = (is_inner > 0.99) & (weight > 0.5)
+    power = windows[is_open, 0] / weight[is_open] ** 2
+    if len(power) <= FEWEST_WINDOWS:
+        return NO_BURSTS
+    usual = _expect_power(power, windows[is_open, 1:])
+    excess = np.maximum(power - problem.settings.burst_power * usual, 0.0)
     # One window alone may be the only one of its motion, of which nothing is known.
     excess[np.argmax(excess)] = 0.0
     size = float(np.sqrt(np.mean(excess)))
-    return Bursts(size, size / max(float(np.sqrt(observed.mean())), 1e-300))
+    return Bursts(size, size / max(float(np.sqrt(power.mean())), 1e-300))
 
 
-def _expect_power(observed: Array, motion: Array) -> Array:
+def _expect_power(power: Array, motion: Array) -> Array:
     """Return the power that the motion lets expect of each window, held out in eighths."""
     scaled = np.log(motion + 1e-3 * motion.mean(axis=0) + 1e-300)
     scaled = scaled - scaled.mean(axis=0)
     columns = np.column_stack([np.ones(len(scaled)), scaled, scaled**2])
-    y = np.log(observed + 1e-300)
-    penalty = np.diag([0.0, *[3.0] * (columns.shape[1] - 1)])
-    fold = np.arange(len(y)) * 8 // len(y)
-    predicted = np.empty_like(y)
-    for k in range(8):
-        own = fold == k
-        X = columns[~own]
-        predicted[own] = columns[own] @ np.linalg.solve(X.T @ X + penalty, X.T @ y[~own])
-    return np.asarray(np.exp(predicted + np.median(y - predicted)))
+    penalty = np.r_[0.0, np.full(2 * scaled.shape[1], 3.0)]
+    y = np.log(power + 1e-300)
+    residual = hold_out(columns, y, penalty, np.arange(len(y)) * 8 // len(y))
+    return np.asarray(np.exp(y - residual + np.median(residual)))
+
+
+def hold_out(columns: Array, y: Array, penalty: Array, fold: Indices) -> Array:
+    """Return y less its prediction by a ridge regression without each row's own fold; fold -1 is never fitted to.
+
+    Args:
+        columns: The regression's columns, (N, k).
+        y: What is predicted, (N,).
+        penalty: Ridge on each column, (k,).
+        fold: Number of each row's fold, (N,).
+    """
+    fitted = columns * (fold >= 0)[:, None]
+    gram = fitted.T @ columns + np.diag(penalty)
+    right = fitted.T @ y
+    residual = np.empty_like(y)
+    for k in np.unique(fold):
+        is_left_out = fold == k
+        less = fitted[is_left_out].T
+        values = np.linalg.solve(gram - less @ columns[is_left_out], right - less @ y[is_left_out])
+        residual[is_left_out] = y[is_left_out] - columns[is_left_out] @ values
+    return residual

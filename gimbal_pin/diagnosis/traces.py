@@ -114,62 +114,46 @@ def measure_torque_rmse(rows: Rows, model: Model) -> Array:
 
 def _compute_error(model: Model, part: Stretch) -> Array:
     """Return acting torque less what the model asks for the same motion, N m, (m, n)."""
-    return _compute_acting_torque(model, part) - _compute_asked_torque(model, part, part.samples.a)
-
-
-def _compute_asked_torque(model: Model, part: Stretch, a: Array) -> Array:
-    """Return the torque that a model asks for the motion of a stretch with some accelerations, N m, (m, n)."""
     x = part.samples
     platform = None if x.platform is None else replace(x.platform, t=part.time)
-    return model.inverse(
-        x.q, x.v, a, part.direction, part.time, part.temperature, platform, part.losses
+    asked = model.inverse(
+        x.q, x.v, x.a, part.direction, part.time, part.temperature, platform, part.losses
     )
-
-
-def _compute_acting_torque(model: Model, part: Stretch) -> Array:
-    """Return the logged torque of a stretch behind the model's drives, N m, (m, n)."""
-    acting = part.samples.tau.copy()
+    acting: Array = x.tau.copy()
     for signal in model.drive:
         j = model.rig.joint_index(signal.joint)
-        borne = _compute_load(model, part, j) if signal.geared else None
-        loss = _compute_loss(model, part, signal, acting[:, j], borne)
+        borne = _compute_load(model, part, j, asked[:, j]) if signal.geared else None
+        is_logged = np.array_equal(acting[:, j], x.tau[:, j])
+        if not is_logged or (signal.geared and not signal.abrupt):
+            loss: Array = acting[:, j] - signal.along(acting[:, j], part.dt, borne)
+        else:
+            loss = _compute_logged_loss(model, part, signal, j)
         acting -= signal.spread(loss, j, acting.shape[1], borne)
-    return acting
+    return acting - asked
 
 
-def _compute_loss(
-    model: Model, part: Stretch, signal: Signal, torque: Array, borne: JointLoad | None
-) -> Array:
+def _compute_logged_loss(model: Model, part: Stretch, signal: Signal, joint: int) -> Array:
     """Return what a drive takes from its joint's torque along a stretch, N m, (m,).
 
     A limit or a gap acts on each sample of the log, and not on their smoothed course.
     """
-    j = model.rig.joint_index(signal.joint)
-    is_logged = np.array_equal(torque, part.samples.tau[:, j])
-    if not is_logged or (signal.geared and not signal.abrupt):
-        return torque - signal.along(torque, part.dt, borne)
-    logged = part.logged.tau[:, j]
+    logged = part.logged.tau[:, joint]
     loss = logged - signal.acting(logged, part.dt / part.logged.step)
-    lags = () if model.estimated is None else model.estimated.lags
-    return part.logged.smoothed(loss, lags[j] if lags else 0.0)
+    lags = model.estimated.lags if model.estimated else ()
+    return part.logged.smoothed(loss, lags[joint] if lags else 0.0)
 
 
-def _compute_load(model: Model, part: Stretch, joint: int) -> JointLoad:
-    """Return what a joint bears along a stretch, N m, (m,)."""
+def _compute_load(model: Model, part: Stretch, joint: int, asked: Array) -> JointLoad:
+    """Return what a joint bears along a stretch of the torque that the model asks for, N m, (m,)."""
     x = part.samples
     friction = tuple(term for term in model.by_joint[joint] if is_motor_friction(term.effect))
-    brakes = Model(model.rig, friction).passive(
+    brake = Model(model.rig, friction).passive(
         x.q, x.v, x.a, part.direction, x.tau, part.time, part.temperature, part.losses
-    )
-    brake = brakes[:, joint]
-    others = np.arange(x.a.shape[1]) != joint
-    at_rest, whole = (_compute_asked_torque(model, part, a)[:, joint] for a in (x.a * others, x.a))
+    )[:, joint]
     column = compute_inertia_column(model.rig, x.q, joint)
-    return JointLoad.along(
-        brake,
-        at_rest - brake,
-        x.tau[:, joint],
-        np.abs(x.v[:, joint]) < SETTINGS.sign_deviations * x.rate_std[joint],
-        whole - at_rest,
-        compute_coupling(column, joint, model.armature[joint]),
-    )
+    rotor = float(model.armature[joint])
+    inertial = (column[:, joint] + rotor) * x.a[:, joint]
+    is_still = np.abs(x.v[:, joint]) < SETTINGS.sign_deviations * x.rate_std[joint]
+    across = compute_coupling(column, joint, rotor)
+    load = asked - inertial - brake
+    return JointLoad.along(brake, load, x.tau[:, joint], is_still, inertial, across)

@@ -17,10 +17,11 @@ def compute_white_covariance(fit: BlockFit) -> Array:
     return np.asarray(inverse / np.outer(fit.norms, fit.norms))
 
 
-def compute_misfit_covariance(search: Search, solution: Solution) -> Array:
-    """Return ``Σ_j R_j R_j'``, (p, p): what the model misses at each joint as a function of its motion.
+def compute_covariance(search: Search, solution: Solution) -> Array:
+    """Return the covariance of a model's coefficients by noise, prior and misfit, (p, p).
 
-    It comes back whenever the motion does, so no number of folds averages it away: see `propagate_misfit`.
+    The misfit, ``Σ_j R_j R_j'``, is what the model misses at each joint as a function of its motion. It comes back
+    whenever the motion does, so no number of folds averages it away: see `propagate_misfit`.
     """
     problem = search.problem
     rows = problem.rows
@@ -38,9 +39,4 @@ def compute_misfit_covariance(search: Search, solution: Solution) -> Array:
         missed = fit_misfit(A[:, A.any(axis=0)], X, fit.target[:, j], float(used[j]))
         moved = propagate_misfit(inverse, fit.weight[j] * (A.T @ X), missed)
         covariance += moved @ moved.T
-    return np.asarray(covariance / np.outer(fit.norms, fit.norms))
-
-
-def compute_covariance(search: Search, solution: Solution) -> Array:
-    """Return the covariance of a model's coefficients with all of these, (p, p)."""
-    return solution.fit.covariance + compute_misfit_covariance(search, solution)
+    return np.asarray(fit.covariance + covariance / np.outer(fit.norms, fit.norms))

@@ -7,7 +7,6 @@ import pytest
 from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis.score import BlockFit, fit_blocks
-from gimbal_pin.diagnosis.uncertainty import compute_white_covariance
 from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.log import Array
 
@@ -51,20 +50,3 @@ def test_95_percent_intervals_hold_the_truth(
         std = np.sqrt(np.diag(fit.covariance))
         hits.append((np.abs(off) < NORMAL_95 * std).tolist())
     assert 0.88 < np.mean(hits) < 0.98
-
-
-def test_deviations_scale_with_their_columns() -> None:
-    """A coefficient in other units has the same relative deviation."""
-    rng = np.random.default_rng(1)
-    columns = [rng.standard_normal((8 * ROWS, 3)) for _ in range(2)]
-    target = rng.standard_normal((8 * ROWS, 2))
-    units = np.array([1e-3, 1.0, 1e4])
-    folds = tuple(slice(ROWS * k, ROWS * (k + 1)) for k in range(8))
-    rows = np.full((8, 2), float(ROWS))
-    precision = np.array([2.0, 0.0, 1.0])
-    plain = fit_blocks(columns, target, folds, rows, precision)
-    scaled = fit_blocks([B * units for B in columns], target, folds, rows, precision * units**2)
-    sizes = np.outer(units, units)
-    np.testing.assert_allclose(scaled.covariance * sizes, plain.covariance, rtol=1e-9)
-    white, same = (compute_white_covariance(fit) for fit in (plain, scaled))
-    np.testing.assert_allclose(same * sizes, white, rtol=1e-9)
