@@ -159,7 +159,7 @@ def search_rows(
     """Estimate the noise and search for causes; then look for drives where something is left."""
     problem = build_problem(rows, reduce_parameters(rig, base=base), settings, platforms)
     rough = Search(problem, build_flat_whitening(problem), ())
-    first = rough.solve((), rough.solve(()))
+    first = rough.solve(())
     whitening = estimate_noise(problem, first.torque)
     search = Search(problem, whitening, tuple(list_rig_changes(problem, platforms)))
     explanation = _search(search)

@@ -161,10 +161,10 @@ def measure_tilt(search: Search, solution: Solution, mount: Mount) -> Tilt:
     std = dict[str, float]()
     turns = [x.candidate for x in search.changes if isinstance(x.candidate.cause, BaseTilt)]
     for turn in turns:
-        without = search.fit_without(solution, [turn]) if turn in solution.accepted else solution
-        hit = search.measure(without, turn)
-        if hit is not None and len(hit.coefficients) == 2:
-            std = dict(zip(("roll", "pitch"), np.sqrt(np.diag(hit.covariance)).tolist()))
+        kept = [one for one in solution.accepted if one != turn]
+        turned = search.solve([*kept, turn], solution)
+        variance = np.diag(turned.fit.covariance)[turned.get_places(turn, search.problem)]
+        std = dict(zip(("roll", "pitch"), np.sqrt(variance).tolist()))
         if turn in solution.accepted:
             roll, pitch = (-solution.fit.theta[solution.get_places(turn, search.problem)]).tolist()
             force = pin.rpy.rpyToMatrix(roll, pitch, 0.0).T @ force

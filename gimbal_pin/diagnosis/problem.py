@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gimbal_pin.diagnosis.rows import Rows
-from gimbal_pin.diagnosis.score import BlockFit, fit_blocks
 from gimbal_pin.diagnosis.settings import Settings
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import (
@@ -37,8 +36,6 @@ FELT_WEIGHT = 1e-6
 """Gravity torque, as a share of the largest, below which it is rounding."""
 INERTIA_SAMPLES = 50
 """Poses over which a joint's inertia is averaged."""
-TORQUE_PASSES = 2
-"""Fits until the columns that read the model's torque are built from the torque that they are part of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,6 +275,10 @@ class Whitening:
         filtered = rows.filter(columns, self.gains[joint], self.frequencies)
         return filtered[rows.inner]
 
+    def apply_each(self, rows: Rows, torque: Array) -> Array:
+        """Return whitened inner rows of a torque at each joint, (N, n)."""
+        return np.hstack([self.apply(rows, torque[:, [j]], j) for j in range(rows.rig.n)])
+
 
 def build_flat_whitening(problem: Problem) -> Whitening:
     """Return the whitening before there is an estimate: noise of `FIRST_NOISE` at every frequency."""
@@ -376,30 +377,6 @@ def build_target(problem: Problem, added: Sequence[Columns]) -> Array:
         if columns.offset:
             target = target - _project_joints(problem.rows, columns.offset)
     return target
-
-
-def fit_rows(
-    problem: Problem,
-    whitening: Whitening,
-    base: Sequence[Array],
-    target: Array,
-    precision: Array,
-    weight: Array | None = None,
-) -> BlockFit:
-    """Fit a model's rows.
-
-    Args:
-        problem: The rows' problem.
-        whitening: Their whitening.
-        base: Rows of the model's columns at each joint, n of (N, p).
-        target: Rows of the torque, (N, n).
-        precision: Prior precision of the coefficients, (p,).
-        weight: Start of the joints' weights; None: 1.
-    """
-    rows = problem.rows
-    white = [whitening.apply(rows, B, j) for j, B in enumerate(base)]
-    whitened = np.hstack([whitening.apply(rows, target[:, [j]], j) for j in problem.joints])
-    return fit_blocks(white, whitened, rows.folds, rows.count_effective_rows(), precision, weight)
 
 
 def replace_torque(problem: Problem, joint: int, torque: Sequence[Array]) -> Problem:

@@ -321,7 +321,7 @@ def measure_curve(
         return 1.0
     signals = [np.column_stack(own) for own in made]
     white = whitening.apply(problem.rows, problem.rows.project(signals, joint), joint)
-    pack = pack_columns({joint: white}, [white.shape[1]], fit.target, fit.folds)
+    pack = pack_columns({joint: white}, fit.folds)
     after = float(fit.measure(pack, ALONE_RIDGE).errors[0, :, joint].sum())
     before = max(float(fit.squared_errors[:, joint].sum()), 1e-300)
     return float(min(np.sqrt(after / before), 1.0))
@@ -401,7 +401,6 @@ def find_structure(
         joint: The joint.
         left: Its held-out unwhitened residual, (N,).
     """
-    target = fit.target
     loads = _whiten_features(problem, whitening, joint, torque, _list_load_features)
     lines, costs = _find_lines(problem, whitening, fit, torque, joint, left)
     groups = {**motion.by_joint[joint], **loads, **lines}
@@ -409,7 +408,7 @@ def find_structure(
 
     def attempt(names: Sequence[str], ridges: Sequence[float]) -> Structure:
         columns = np.hstack([groups[name] for name in names])
-        pack = pack_columns({joint: columns}, [columns.shape[1]], target, fit.folds)
+        pack = pack_columns({joint: columns}, fit.folds)
         cost = sum(costs.get(name, 0.0) for name in names)
         tried = [
             Structure(
@@ -474,7 +473,7 @@ def _find_lines(
         ]
         white = whitening.apply(rows, rows.project(signals, joint), joint)
         cost = float(np.log(max(length * (high - low), 1.0)))
-        pack = pack_columns({joint: white}, [2] * LINES, fit.target, fit.folds)
+        pack = pack_columns({joint: white}, fit.folds, 2)
         clear = np.flatnonzero(fit.measure(pack).total - cost > LINE_GAIN)
         if len(clear):
             lines[name] = white[:, np.repeat(2 * clear, 2) + np.tile([0, 1], len(clear))]
