@@ -158,6 +158,9 @@ def compute_resonance(torque: Array, dt: float, hertz: float) -> Array:
 def compute_columns(candidates: Sequence[Candidate], sample: Sample, dt: float) -> Array:
     """Return the columns of candidates at one joint side by side, (m, all k)."""
     columns = list[Array]()
+    if any(candidate.is_harmonic for candidate in candidates):
+        octaves = 2.0 ** np.arange(np.ceil(np.log2(max(HARMONICS.values()) + 1)))
+        sample = sample._replace(turns=np.exp(1j * octaves[:, None] * np.asarray(sample.q)))
     for candidate in candidates:
         cause = candidate.cause
         if isinstance(cause, Effect):

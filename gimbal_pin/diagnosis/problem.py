@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from gimbal_pin.diagnosis.rows import Rows
 from gimbal_pin.diagnosis.settings import Settings
@@ -113,7 +114,6 @@ class Problem:
         """Return what a joint's effects read along a stretch; `torque`: the model's own, N m, (m, n)."""
         part = self.rows.stretches[stretch]
         x = part.samples
-        warm = AMBIENT if part.temperature is None else part.temperature[:, joint]
         return Sample(
             part.time,
             x.q[:, joint],
@@ -121,7 +121,7 @@ class Problem:
             x.a[:, joint],
             part.direction[:, joint],
             torque[:, joint],
-            warm,
+            AMBIENT if part.temperature is None else part.temperature[:, joint],
             weight=self.weight[stretch][:, joint],
             losses=part.losses[joint],
         )
@@ -149,12 +149,18 @@ def build_problem(
         Y @ urdf + rig.armature * part.samples.a for Y, part in zip(regressor, rows.stretches)
     )
     tau = [part.samples.tau for part in rows.stretches]
-    left = [x - y for x, y in zip(tau, known)]
     motion = [
         [np.column_stack([part.direction[:, j], part.samples.v[:, j]]) for part in rows.stretches]
         for j in range(rig.n)
     ]
-    upright = _find_upright_joints(rows, platforms)
+    weight = tuple(
+        compute_gravity(rig, part.samples.q, platform)
+        for part, platform in zip(rows.stretches, platforms)
+    )
+    stands = all(platform is None for platform in platforms)
+    pull = np.max([np.abs(x).max(axis=0) for x in weight], axis=0)
+    q = rows.join("q")
+    poses = q[:: max(1, len(q) // INERTIA_SAMPLES)]
     return Problem(
         rows=rows,
         reduction=reduction,
@@ -163,28 +169,22 @@ def build_problem(
         known=known,
         rigid=tuple(rows.project([Y[:, j] for Y in regressor], j) for j in range(rig.n)),
         friction=tuple(rows.project(motion[j], j) for j in range(rig.n)),
-        target=_project_joints(rows, left),
+        target=_project_joints(rows, [x - y for x, y in zip(tau, known)]),
         measured=_project_joints(rows, tau),
         urdf=urdf,
         precision=_compute_prior_precision(rig, reduction, urdf, settings),
-        ranges=tuple(_measure_range(rows, j, upright[j]) for j in range(rig.n)),
-        inertia=_average_inertia(rows, places),
-        weight=tuple(
-            compute_gravity(rig, part.samples.q, platform)
-            for part, platform in zip(rows.stretches, platforms)
+        ranges=tuple(
+            _measure_range(rows, j, stands and bool(pull[j] <= FELT_WEIGHT * pull.max()))
+            for j in range(rig.n)
         ),
+        inertia=np.array(
+            [
+                compute_inertia_regressor(rig, poses, j, places)[:, j].mean(axis=0)
+                for j in range(rig.n)
+            ]
+        ),
+        weight=weight,
     )
-
-
-def _average_inertia(rows: Rows, places: Array) -> Array:
-    """Return the mean of each joint's own inertia per base parameter, (n, b)."""
-    q = rows.join("q")
-    q = q[:: max(1, len(q) // INERTIA_SAMPLES)]
-    rig = rows.rig
-    columns = [
-        compute_inertia_regressor(rig, q, j, places)[:, j].mean(axis=0) for j in range(rig.n)
-    ]
-    return np.array(columns)
 
 
 def _project_joints(rows: Rows, signals: Sequence[Array]) -> Array:
@@ -201,35 +201,17 @@ def _compute_prior_precision(
     A parameter's size is its URDF value, the rms of its kind over its link, or a share of the largest of its kind,
     whichever is greatest: a URDF states many parameters as zero that are none.
     """
-    names = [reduction.names[k] for k in reduction.independent]
-    kinds = [_get_kind(name) for name in names]
-    rms = {
-        kind: float(np.sqrt(np.mean([x**2 for x, own in zip(urdf, kinds) if own == kind])))
-        for kind in {*kinds}
-    }
-    largest = {symbol: max(x for (_, s), x in rms.items() if s == symbol) for _, symbol in kinds}
-    size = [
-        max(abs(x), rms[kind], KIND_SHARE * largest[kind[1]], 1e-12)
-        for x, kind in zip(urdf.tolist(), kinds)
-    ]
+    names = [reduction.names[k].rsplit(".", 1) for k in reduction.independent]
+    links = np.array([link for link, _ in names])
+    # An inertia, a first moment or a mass.
+    kinds = np.array([symbol if symbol == "m" else symbol[0] for _, symbol in names])
+    squares = pd.Series(urdf**2)
+    rms = np.sqrt(squares.groupby([links, kinds]).transform("mean"))
+    largest = rms.groupby(kinds).transform("max")
+    size = np.maximum.reduce([np.abs(urdf), rms, KIND_SHARE * largest]) + 1e-12
     is_trusted = rig.config.inertia == "trusted"
     width = settings.trusted_width if is_trusted else settings.prior_width
-    return np.asarray(1.0 / (width * np.array(size)) ** 2)
-
-
-def _get_kind(name: str) -> tuple[str, str]:
-    """Return link and kind of an inertial parameter: inertia, first moment or mass."""
-    link, symbol = name.rsplit(".", 1)
-    return link, symbol if symbol == "m" else symbol[0]
-
-
-def _find_upright_joints(rows: Rows, platforms: Sequence[Platform | None]) -> list[bool]:
-    """Return whether each joint's axis is vertical throughout, so that gravity is no torque there."""
-    if any(platform is not None for platform in platforms):
-        return [False] * rows.rig.n
-    q = rows.join("q")
-    pull = np.abs(compute_gravity(rows.rig, q[:: max(1, len(q) // INERTIA_SAMPLES)]))
-    return (pull.max(axis=0) <= FELT_WEIGHT * pull.max()).tolist()
+    return np.asarray((width * size) ** -2.0)
 
 
 def _measure_range(rows: Rows, joint: int, is_upright: bool) -> OperatingRange:
@@ -311,18 +293,6 @@ class Columns:
         """Number of coefficients."""
         return int(self.torques[0].shape[-1])
 
-    def add_to(self, torque: Sequence[Array], values: Array) -> list[Array]:
-        """Return torques (m, n) per stretch with these coefficients added."""
-        out = [x.copy() for x in torque]
-        for x, own in zip(out, self.torques):
-            if self.joint is None:
-                x += own @ values
-            else:
-                x[:, self.joint] += own @ values
-        for x, own in zip(out, self.offset):
-            x += own
-        return out
-
 
 def build_base_rows(
     problem: Problem, torque: Sequence[Array], added: Sequence[Columns]
@@ -330,43 +300,38 @@ def build_base_rows(
     """Return the rows of a model's columns at each joint, n of (N, p): rigid, friction and shift, causes."""
     rows = problem.rows
     count = len(rows.inner)
-    n = rows.rig.n
-    out = list[Array]()
+    base = list[Array]()
     for j in problem.joints:
-        own = np.zeros((count, OWN_COLUMNS * n))
-        first = OWN_COLUMNS * j
-        own[:, first : first + SHIFT] = problem.friction[j]
         slopes = [np.gradient(x[:, j], part.dt) for x, part in zip(torque, rows.stretches)]
-        own[:, first + SHIFT] = rows.project(slopes, j)[:, 0]
-        groups = [x.rows.get(j, np.zeros((count, x.width))) for x in added]
-        out.append(np.hstack([problem.rigid[j], own, *groups]))
-    return out
+        own = np.zeros((count, rows.rig.n, OWN_COLUMNS))
+        own[:, j] = np.hstack([problem.friction[j], rows.project(slopes, j)])
+        causes = [x.rows.get(j, np.zeros((count, x.width))) for x in added]
+        base.append(np.hstack([problem.rigid[j], own.reshape(count, -1), *causes]))
+    return base
 
 
 def build_precision(problem: Problem, added: Sequence[Columns]) -> Array:
     """Return the prior precision of a model's coefficients, (p,); friction is free."""
-    own = np.zeros(problem.own_count)
-    precision = np.concatenate([own, *(np.full(x.width, x.precision) for x in added)])
-    precision[: problem.base_count] = problem.precision
-    for j in problem.joints:
-        place = problem.get_own_columns(j).start + SHIFT
-        precision[place] = 1.0 / problem.settings.shift_prior_seconds**2
-    return precision
+    own = [0.0, 0.0, 1.0 / problem.settings.shift_prior_seconds**2]
+    causes = [np.full(x.width, x.precision) for x in added]
+    return np.concatenate([problem.precision, own * problem.rig.n, *causes])
 
 
 def compute_torque(problem: Problem, theta: Array, added: Sequence[Columns]) -> list[Array]:
     """Return a model's own torque along each stretch, without its time shifts, N m, (m, n)."""
+    own = theta[problem.base_count : problem.own_count].reshape(-1, OWN_COLUMNS)
+    ends = np.cumsum([problem.own_count, *(x.width for x in added)]).tolist()
     out = list[Array]()
-    for Y, known, part in zip(problem.regressor, problem.known, problem.rows.stretches):
-        torque = known + Y @ theta[: problem.base_count]
-        for j in problem.joints:
-            dry, viscous, _ = theta[problem.get_own_columns(j)]
-            torque[:, j] += dry * part.direction[:, j] + viscous * part.samples.v[:, j]
+    for s, part in enumerate(problem.rows.stretches):
+        torque = problem.known[s] + problem.regressor[s] @ theta[: problem.base_count]
+        torque += own[:, 0] * part.direction + own[:, 1] * part.samples.v
+        for columns, first in zip(added, ends):
+            values = theta[first : first + columns.width]
+            at = slice(None) if columns.joint is None else columns.joint
+            torque[:, at] += columns.torques[s] @ values
+            if columns.offset:
+                torque += columns.offset[s]
         out.append(torque)
-    first = problem.own_count
-    for columns in added:
-        out = columns.add_to(out, theta[first : first + columns.width])
-        first += columns.width
     return out
 
 
@@ -383,5 +348,5 @@ def replace_torque(problem: Problem, joint: int, torque: Sequence[Array]) -> Pro
     """Return the problem with another torque that acts at a joint, N m, (m,) per stretch."""
     left = [x - known[:, joint] for x, known in zip(torque, problem.known)]
     target = problem.target.copy()
-    target[:, joint] = problem.rows.project(left, joint)[:, 0]
+    target[:, [joint]] = problem.rows.project(left, joint)
     return replace(problem, target=target)

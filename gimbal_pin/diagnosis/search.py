@@ -407,13 +407,18 @@ class Found:
     shelves: tuple[Shelf, ...]
 
 
-def find_causes(search: Search) -> Found:
-    """Accept causes one by one, ordinary ones first, until none is clear; then leave out what became needless."""
+def find_causes(search: Search, shelves: Sequence[Shelf] = ()) -> Found:
+    """Accept causes one by one, ordinary ones first, until none is clear; then leave out what became needless.
+
+    Args:
+        search: The search.
+        shelves: Candidates beside another torque of the same rows; none: they are built.
+    """
     problem = search.problem
     settings = problem.settings
     first = search.solve(())
     solution = first
-    shelves = search.build_shelves(solution)
+    shelves = search.renew_shelves(shelves, first) or search.build_shelves(first)
     rejected = list[Rejection]()
     failures = Counter[tuple[str, str]]()
     while len(solution.accepted) < settings.most_causes + 2 * problem.rig.n:
