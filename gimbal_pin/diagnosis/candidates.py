@@ -39,8 +39,6 @@ LOG_PRIORS = {
 }
 """Log prior of a cause, nats; 0 for the others. What every peer's base model has comes first; what imitates anything
 comes last."""
-HARMONIC_COST = 1.6
-"""Cost of a harmonic beside the log of its number, nats: the sum of 1/k over 100 harmonics is e^1.6."""
 PART_TURN_COST = 3.0
 """Cost of a harmonic of which less than one period was travelled, nats: it is a bend like any other."""
 ORDINARY = ("torque-bias", "armature")
@@ -109,16 +107,11 @@ class Candidate:
         """True if its columns read the model's own torque."""
         return (isinstance(self.cause, Effect) and self.cause.loaded) or self.name in DRIVES
 
-    def is_same_form(self, other: Candidate) -> bool:
-        """Return whether another candidate is the same cause at the same place, and refined along the same shapes."""
-        forms = [
-            x.cause.list_ends() if isinstance(x.cause, CableSpring) else () for x in (self, other)
-        ]
-        return self.is_same(other) and forms[0] == forms[1]
-
-    def is_same(self, other: Candidate) -> bool:
-        """Return whether both are one cause at one place, whatever their shapes."""
-        return self.kind == other.kind
+    @property
+    def form(self) -> tuple[str, ...]:
+        """Its kind and the shapes along which it is refined: of a slack spring the ends that come taut."""
+        ends = self.cause.list_ends() if isinstance(self.cause, CableSpring) else ()
+        return *self.kind, *ends
 
     def is_admissible(self, coefficients: Array, friction: Array) -> bool:
         """Return whether such coefficients are physically possible.
@@ -176,53 +169,59 @@ def count_columns(candidate: Candidate) -> int:
     return len(candidate.cause.coefficients) if isinstance(candidate.cause, Effect) else 1
 
 
-def list_candidates(rig: Rig, joint: int, seen: OperatingRange) -> list[Candidate]:
-    """Return what is tried at a joint; every cause's prior is shared by its shapes."""
+def list_candidates(rig: Rig, joint: int, ranges: OperatingRange) -> list[Candidate]:
+    """Return what is tried at a joint; every cause's prior is shared by its shapes.
+
+    All alike, but the k-th harmonic has the share 1/k of the first.
+    """
     name = rig.joints[joint]
     candidates = list[Candidate]()
     for kind in CAUSES.values():
         if not kind.of_joint or kind.is_stated(name, rig):
             continue
-        shapes = [x for x in _list_shapes(kind, name, seen) if rig.n > 1 or not x.coupled]
+        shapes = [x for x in _list_shapes(kind, name, ranges) if rig.n > 1 or not x.coupled]
+        inverses = sum(1.0 / k for cause in shapes for k in cause.pieces)
         for cause in shapes:
             cost = log(len(shapes))
             if isinstance(cause, Harmonic):
                 k = cause.harmonic[0]
-                cost = log(k) + HARMONIC_COST + PART_TURN_COST * (k * seen.travel < 2 * pi)
+                cost = log(k * inverses) + PART_TURN_COST * (k * ranges.travel < 2 * pi)
             prior = LOG_PRIORS.get(kind.name, 0.0) - cost
             candidates.append(Candidate(cause, joint, prior))
     return candidates
 
 
-def _list_shapes(kind: type[Cause], joint: str, seen: OperatingRange) -> Sequence[Cause]:
+def _list_shapes(kind: type[Cause], joint: str, ranges: OperatingRange) -> Sequence[Cause]:
     """Return the shapes of a cause that are tried at a joint."""
     if issubclass(kind, Harmonic):
         highest = HARMONICS.get(kind.name, 0)
         orders = [*range(1, min(highest, 100) + 1), *range(102, highest + 1, 2)]
         return [
-            kind(joint, (float(k),)) for k in orders if k * seen.travel > 2 * pi * SMALLEST_PERIODS
+            kind(joint, (float(k),))
+            for k in orders
+            if k * ranges.travel > 2 * pi * SMALLEST_PERIODS
         ]
     match kind.name:
         case "joint-flexibility":
-            resonances = np.geomspace(2.5, RESONANCE_BAND * seen.band, 6).tolist()
+            resonances = np.geomspace(2.5, RESONANCE_BAND * ranges.band, 6).tolist()
             return [kind.inside(joint, hertz) for hertz in resonances]
         case "quadratic-drag":
             return [kind.inside(joint, power) for power in DRAG_POWERS]
         case "friction-drift":
-            return _list_drifts(kind, joint, seen)
-    return kind.tried(joint, seen) if issubclass(kind, Effect) else ()
+            return _list_drifts(kind, joint, ranges)
+    return kind.tried(joint, ranges) if issubclass(kind, Effect) else ()
 
 
-def _list_drifts(kind: type[Cause], joint: str, seen: OperatingRange) -> list[Cause]:
+def _list_drifts(kind: type[Cause], joint: str, ranges: OperatingRange) -> list[Cause]:
     """Return drifts over time, and over the temperature or what the motor itself turned into heat."""
-    if seen.seconds <= 20.0:
+    if ranges.seconds <= 20.0:
         return []
-    spans = (seen.seconds / 6, seen.seconds / 2, 10 * seen.seconds)
+    spans = (ranges.seconds / 6, ranges.seconds / 2, 10 * ranges.seconds)
     drifts: list[Cause] = [kind.inside(joint, span) for span in spans]
-    if seen.warm:
+    if ranges.warm:
         drifts.append(kind.inside(joint, thermal=True))
-    elif seen.rms:
-        drifts += [kind.inside(joint, span, held=seen.rms) for span in spans[:2]]
+    elif ranges.rms:
+        drifts += [kind.inside(joint, span, held=ranges.rms) for span in spans[:2]]
     return drifts
 
 
@@ -240,17 +239,17 @@ The ends of a slack spring move by that share of the travel.
 """
 
 
-def vary_shape(candidate: Candidate, step: float, seen: OperatingRange) -> list[Candidate]:
+def vary_shape(candidate: Candidate, step: float, ranges: OperatingRange) -> list[Candidate]:
     """Return the candidate with its refined shape parameters a step higher and lower, as far as logs can show it."""
     cause = candidate.cause
     name = REFINEMENTS[candidate.name][0]
     low, high = -inf, inf
     if candidate.name == "joint-flexibility":
-        high = RESONANCE_BAND * seen.band
+        high = RESONANCE_BAND * ranges.band
     if candidate.name == "stribeck":
-        low, high = max(3 * seen.rate_std, 0.01 * seen.rate), seen.rate
+        low, high = max(3 * ranges.rate_std, 0.01 * ranges.rate), ranges.rate
     if isinstance(cause, CableSpring):
-        shift = (step - 1.0) * seen.travel
+        shift = (step - 1.0) * ranges.travel
         values = [
             (end, getattr(cause, end) + by) for end in cause.list_ends() for by in (-shift, shift)
         ]

@@ -52,6 +52,13 @@ def compute_torques(
     )
 
 
+def project_candidates(
+    problem: Problem, candidates: Sequence[Candidate], joint: int, torque: Sequence[Array]
+) -> Array:
+    """Return the rows of candidates at a joint, (N, all k): see `compute_torques`."""
+    return problem.rows.project(compute_torques(problem, candidates, joint, torque), joint)
+
+
 def build_joint_columns(problem: Problem, candidate: Candidate, torque: Sequence[Array]) -> Columns:
     """Return the columns of one candidate at its joint.
 
@@ -83,7 +90,7 @@ def build_shelves(
     level = np.concatenate([x[:, joint] for x in torque])
     shelves = list[Shelf]()
     for (_, width), group in groups.items():
-        columns = rows.project(compute_torques(problem, group, joint, torque), joint)
+        columns = project_candidates(problem, group, joint, torque)
         white = whitening.apply(rows, columns, joint)
         shelves.append(
             Shelf(tuple(group), joint, pack_columns({joint: white}, rows.folds, width), level)

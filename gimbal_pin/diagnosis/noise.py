@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gimbal_pin.diagnosis.candidates import list_candidates
-from gimbal_pin.diagnosis.library import compute_torques
+from gimbal_pin.diagnosis.library import project_candidates
 from gimbal_pin.diagnosis.problem import (
     Problem,
     Whitening,
@@ -87,7 +87,7 @@ def _regress_on_everything(
         for one in list_candidates(problem.rig, joint, problem.ranges[joint])
         if one.name != "joint-flexibility"
     ]
-    columns = rows.project(compute_torques(problem, candidates, joint, torque), joint)
+    columns = project_candidates(problem, candidates, joint, torque)
     seen = rows.inner
     best = _choose_columns(columns[seen], own[seen], y[seen], problem.settings.noise_candidates)
     smooth = compute_smooth_functions(problem, joint, torque)

@@ -26,11 +26,12 @@ from gimbal_pin.diagnosis.problem import (
     build_precision,
     build_problem,
     compute_torque,
+    split_coefficients,
 )
 from gimbal_pin.diagnosis.rig_causes import list_rig_changes
 from gimbal_pin.diagnosis.rows import build_rows
 from gimbal_pin.diagnosis.score import BlockFit, Gains, Pack, fit_blocks
-from gimbal_pin.diagnosis.search import LEAST_LEFT, Search, split_coefficients
+from gimbal_pin.diagnosis.search import LEAST_LEFT, Search
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import CAUSES, Effect, RigEffect

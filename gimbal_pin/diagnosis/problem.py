@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -216,24 +217,24 @@ def _compute_prior_precision(
 
 def _measure_range(rows: Rows, joint: int, is_upright: bool) -> OperatingRange:
     """Return what the logs show of a joint."""
-    seen = rows.inner_samples
-    q, v, tau = (rows.join(name)[seen, joint] for name in ("q", "v", "tau"))
-    std = float(np.mean([part.samples.rate_std[joint] for part in rows.stretches]))
+    q, v, tau = (rows.join(name)[rows.inner_samples, joint] for name in ("q", "v", "tau"))
+    stretches = rows.stretches
+    rate, torque = (float(np.quantile(np.abs(x), 0.98)) for x in (v, tau))
     return OperatingRange(
         seconds=rows.seconds,
-        dt=rows.stretches[0].dt,
+        dt=stretches[0].dt,
         band=rows.band,
         travel=float(np.ptp(q)),
-        rate=float(np.quantile(np.abs(v), 0.98)),
-        rate_std=std,
-        torque=float(np.quantile(np.abs(tau), 0.98)),
+        rate=rate,
+        rate_std=float(np.mean([part.samples.rate_std[joint] for part in stretches])),
+        torque=torque,
         peak=float(np.quantile(np.abs(tau), 0.995)),
         upright=is_upright,
         middle=float(q.max() + q.min()) / 2,
         rms=float(np.sqrt(np.mean(tau**2))),
         warm=any(
             part.temperature is not None and np.ptp(part.temperature[:, joint]) > 0
-            for part in rows.stretches
+            for part in stretches
         ),
     )
 
@@ -303,36 +304,41 @@ def build_base_rows(
     base = list[Array]()
     for j in problem.joints:
         slopes = [np.gradient(x[:, j], part.dt) for x, part in zip(torque, rows.stretches)]
-        own = np.zeros((count, rows.rig.n, OWN_COLUMNS))
-        own[:, j] = np.hstack([problem.friction[j], rows.project(slopes, j)])
+        friction = np.zeros((count, rows.rig.n, OWN_COLUMNS))
+        friction[:, j] = np.hstack([problem.friction[j], rows.project(slopes, j)])
         causes = [x.rows.get(j, np.zeros((count, x.width))) for x in added]
-        base.append(np.hstack([problem.rigid[j], own.reshape(count, -1), *causes]))
+        base.append(np.hstack([problem.rigid[j], friction.reshape(count, -1), *causes]))
     return base
 
 
 def build_precision(problem: Problem, added: Sequence[Columns]) -> Array:
     """Return the prior precision of a model's coefficients, (p,); friction is free."""
-    own = [0.0, 0.0, 1.0 / problem.settings.shift_prior_seconds**2]
+    friction = [0.0, 0.0, 1.0 / problem.settings.shift_prior_seconds**2]
     causes = [np.full(x.width, x.precision) for x in added]
-    return np.concatenate([problem.precision, own * problem.rig.n, *causes])
+    return np.concatenate([problem.precision, friction * problem.rig.n, *causes])
 
 
 def compute_torque(problem: Problem, theta: Array, added: Sequence[Columns]) -> list[Array]:
     """Return a model's own torque along each stretch, without its time shifts, N m, (m, n)."""
-    own = theta[problem.base_count : problem.own_count].reshape(-1, OWN_COLUMNS)
-    ends = np.cumsum([problem.own_count, *(x.width for x in added)]).tolist()
+    friction = theta[problem.base_count : problem.own_count].reshape(-1, OWN_COLUMNS)
+    values = split_coefficients(problem, theta, added)
     out = list[Array]()
     for s, part in enumerate(problem.rows.stretches):
         torque = problem.known[s] + problem.regressor[s] @ theta[: problem.base_count]
-        torque += own[:, 0] * part.direction + own[:, 1] * part.samples.v
-        for columns, first in zip(added, ends):
-            values = theta[first : first + columns.width]
+        torque += friction[:, 0] * part.direction + friction[:, 1] * part.samples.v
+        for columns, sizes in zip(added, values):
             at = slice(None) if columns.joint is None else columns.joint
-            torque[:, at] += columns.torques[s] @ values
+            torque[:, at] += columns.torques[s] @ sizes
             if columns.offset:
                 torque += columns.offset[s]
         out.append(torque)
     return out
+
+
+def split_coefficients(problem: Problem, theta: Array, added: Sequence[Columns]) -> list[Array]:
+    """Return the coefficients of each of a model's causes."""
+    ends = np.cumsum([problem.own_count, *(x.width for x in added)])
+    return [theta[first:last] for first, last in pairwise(ends)]
 
 
 def build_target(problem: Problem, added: Sequence[Columns]) -> Array:
@@ -346,7 +352,7 @@ def build_target(problem: Problem, added: Sequence[Columns]) -> Array:
 
 def replace_torque(problem: Problem, joint: int, torque: Sequence[Array]) -> Problem:
     """Return the problem with another torque that acts at a joint, N m, (m,) per stretch."""
-    left = [x - known[:, joint] for x, known in zip(torque, problem.known)]
+    unknown = [x - known[:, joint] for x, known in zip(torque, problem.known)]
     target = problem.target.copy()
-    target[:, [joint]] = problem.rows.project(left, joint)
+    target[:, [joint]] = problem.rows.project(unknown, joint)
     return replace(problem, target=target)

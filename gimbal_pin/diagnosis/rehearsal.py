@@ -305,7 +305,7 @@ def _measure_rivals(search: Search, groups: Sequence[Group], one: _Planted) -> d
             rival = candidates[k]
             place = CauseAt(rival.name, rival.place if rival.place != "rig" else None)
             values = one.seen * gains.coefficients[k]
-            is_told = gains.remaining[k] < LEAST_LEFT or rival.is_same(own) or place in needed
+            is_told = gains.remaining[k] < LEAST_LEFT or rival.kind == own.kind or place in needed
             if is_told or not rival.is_admissible(values, np.zeros(0)):
                 continue
             odds = rival.log_prior - own.log_prior - log(settings.rival_probability)

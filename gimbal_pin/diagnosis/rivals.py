@@ -65,7 +65,7 @@ def list_contests(search: Search, solution: Solution, shelves: Sequence[Shelf]) 
         solution: The model.
         shelves: All candidates' columns beside it.
     """
-    return [_hold_contest(search, solution, shelves, own) for own in _group_causes(solution)]
+    return [_hold_contest(search, solution, shelves, causes) for causes in _group_causes(solution)]
 
 
 def _group_causes(solution: Solution) -> list[tuple[Candidate, ...]]:
@@ -77,23 +77,24 @@ def _group_causes(solution: Solution) -> list[tuple[Candidate, ...]]:
 
 
 def _hold_contest(
-    search: Search, solution: Solution, shelves: Sequence[Shelf], own: tuple[Candidate, ...]
+    search: Search, solution: Solution, shelves: Sequence[Shelf], causes: tuple[Candidate, ...]
 ) -> Contest:
     """Return a finding with its rivals."""
-    without = search.fit_without(solution, own)
-    gain = search.measure_causes(solution, without, own)
-    joint = own[0].joint
+    first = causes[0]
+    without = search.fit_without(solution, causes)
+    gain = search.measure_causes(solution, without, causes)
+    joint = first.joint
     near = [shelf for shelf in shelves if joint is None or shelf.joint == joint]
     if joint is None:
         lowered = (without.errors**2 - solution.errors**2) / search.problem.torque_rms**2
         joint = int(np.argmax(lowered))
-    hits = [hit for hit in search.screen(without, near) if hit.candidate.name != own[0].name]
+    hits = [hit for hit in search.screen(without, near) if hit.candidate.name != first.name]
     rivals = dict[str, Hit]()
     for hit in search.refine(without, hits, MOST_RIVALS):
         rivals.setdefault(hit.candidate.name, hit)
     hits = list(rivals.values())
-    probabilities = weigh(gain, own[0].log_prior, hits)
-    return Contest(own, joint, without, gain, tuple(hits), probabilities)
+    probabilities = weigh(gain, first.log_prior, hits)
+    return Contest(causes, joint, without, gain, tuple(hits), probabilities)
 
 
 def weigh(gain: Array, log_prior: float, rivals: Sequence[Hit]) -> tuple[float, ...]:
@@ -131,8 +132,8 @@ def is_close(search: Search, nats: float, std: float, probability: float) -> boo
         probability: Probability of the rival.
     """
     settings = search.problem.settings
-    is_told = nats > max(settings.kept_nats, search.count_deviations(1) * std)
-    return probability > settings.rival_probability or not is_told
+    is_clear = nats > max(settings.kept_nats, search.count_deviations(1) * std)
+    return probability > settings.rival_probability or not is_clear
 
 
 def exchange_for_better(
@@ -156,11 +157,11 @@ def _list_exchanges(
     search: Search, solution: Solution, shelves: Sequence[Shelf]
 ) -> Iterator[tuple[tuple[Candidate, ...], Hit]]:
     """Return findings with a rival of higher score, then two findings at a joint with one cause for both."""
-    for own in _group_causes(solution):
-        contest = _hold_contest(search, solution, shelves, own)
+    for causes in _group_causes(solution):
+        contest = _hold_contest(search, solution, shelves, causes)
         for hit in contest.rivals:
-            if hit.score > contest.gain.sum() + own[0].log_prior:
-                yield own, hit
+            if hit.score > contest.gain.sum() + causes[0].log_prior:
+                yield causes, hit
     for first, second in combinations(_group_causes(solution), 2):
         joint = first[0].joint
         if joint is not None and joint == second[0].joint:
@@ -175,11 +176,11 @@ def _exchange(
     search: Search, solution: Solution, left_out: Sequence[Candidate], hit: Hit
 ) -> Solution | None:
     """Return the model with one cause in place of others, where it predicts better by more than their priors."""
-    kept = [one for one in solution.accepted if one not in left_out]
     if not search.is_clear(hit, search.problem.settings.kept_nats):
         return None
-    if any(hit.candidate.is_same(one) for one in kept):
+    kept = [cause for cause in solution.accepted if cause not in left_out]
+    if any(hit.candidate.kind == cause.kind for cause in kept):
         return None
-    prior = hit.candidate.log_prior - sum(one.log_prior for one in left_out)
+    prior = hit.candidate.log_prior - sum(cause.log_prior for cause in left_out)
     tried = search.solve([*kept, hit.candidate], solution)
     return tried if compute_solution_gain(solution, tried) + prior > 0 else None

@@ -262,20 +262,22 @@ class BlockFit:
                 [self.columns[j], self._targets[..., [j]], self.errors[..., [j]]], axis=-1
             )
             products[j] = (sides.swapaxes(1, 2) @ X).reshape(folds, -1, groups, width)
-            own = np.append(np.searchsorted(at, self.places[j]), len(at))
-            weighted[:, own] += self.weight[j] * products[j][:, :-1]
+            into = np.append(np.searchsorted(at, self.places[j]), len(at))
+            weighted[:, into] += self.weight[j] * products[j][:, :-1]
             gram += self.weight[j] * pack.grams[j]
         others = leave_out(weighted)
         total = leave_out(gram)
+        # Of a fit's rows: a, H⁻¹ a, and what the model leaves of the torque.
         a = others[:, :-1]
         flat = a.reshape(folds + 1, len(at), -1)
         solved = (self.inverses[:, at[:, None], at] @ flat).reshape(a.shape)
-        left = total - a.transpose(0, 2, 3, 1) @ solved.transpose(0, 2, 1, 3)
+        schur = total - a.transpose(0, 2, 3, 1) @ solved.transpose(0, 2, 1, 3)
         predicted = (self.solutions[:, None, at] @ flat).reshape(folds + 1, groups, width)
         right = others[:, -1] - predicted
-        x = np.linalg.solve(left + ridge * np.eye(width), right[..., None])[..., 0]
+        x = np.linalg.solve(schur + ridge * np.eye(width), right[..., None])[..., 0]
         fall = self.inverses[:, :, at] @ np.sum(a * x[:, None], axis=-1)  # (K + 1, p, g)
 
+        # Squares of the fold's errors e + B H⁻¹ a x - X x, from products alone.
         errors = np.empty((groups, folds, len(self.columns)))
         for j, places in enumerate(self.places):
             moved = fall[:-1, places]
@@ -290,7 +292,7 @@ class BlockFit:
         solutions = self.solutions[-1] - fall[-1].T
         squares = solutions**2 @ self.prior
         by_fold = compute_gain(self.squared_errors, errors, self.rows)
-        share, power = (np.diagonal(y[-1], axis1=-2, axis2=-1) for y in (left, total))
+        share, power = (np.diagonal(y[-1], axis1=-2, axis2=-1) for y in (schur, total))
         return Gains(
             by_fold=by_fold + 0.5 * (self.prior_squares - squares)[:, None] / folds,
             coefficients=x[-1] / pack.norms,

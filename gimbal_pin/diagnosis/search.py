@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from scipy.stats import norm
@@ -26,6 +25,7 @@ from gimbal_pin.diagnosis.problem import (
     build_precision,
     build_target,
     compute_torque,
+    split_coefficients,
 )
 from gimbal_pin.diagnosis.rig_causes import RigChange
 from gimbal_pin.diagnosis.score import (
@@ -38,6 +38,7 @@ from gimbal_pin.diagnosis.score import (
     pack_columns,
 )
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Flags
 
 TORQUE_PASSES = 2
 """Fits until the columns that read the model's torque are built from the torque that they are part of."""
@@ -48,7 +49,7 @@ HALVINGS = 3
 LEAST_LEFT = 3e-3
 """Share of a candidate's power beside the model from which it is told from the model."""
 MOST_FAILURES = 2
-"""Times that shapes of a cause may pass the screen and then predict no torque before all its shapes are left out."""
+"""Shapes of a cause that may pass the screen and then be rejected before all its shapes are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +80,16 @@ class Solution:
         k = self.accepted.index(candidate)
         return slice(ends[k], ends[k + 1])
 
+    def find_places(self, causes: Sequence[Candidate], problem: Problem) -> Flags:
+        """Return which coefficients are those of some causes, (p,)."""
+        places = np.zeros(len(self.fit.norms), bool)
+        for cause in causes:
+            places[self.get_places(cause, problem)] = True
+        return places
+
     def has_kind(self, candidate: Candidate) -> bool:
         """Return whether it has the cause at the same place, with any shape."""
-        return any(candidate.is_same(other) for other in self.accepted)
+        return any(candidate.kind == other.kind for other in self.accepted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,10 +205,8 @@ class Search:
         self, solution: Solution, left_out: Sequence[Candidate], places: Sequence[int] = ()
     ) -> Solution:
         """Return a model without some of its causes or coefficients; the other columns stay as they are."""
-        kept = np.ones(len(solution.fit.norms), bool)
+        kept = ~solution.find_places(left_out, self.problem)
         kept[list(places)] = False
-        for cause in left_out:
-            kept[solution.get_places(cause, self.problem)] = False
         pairs = [x for x in zip(solution.accepted, solution.columns) if x[0] not in left_out]
         return self._fit(
             [B[:, kept] for B in solution.base],
@@ -237,30 +243,25 @@ class Search:
         fold = np.full(len(target), -1)
         fold[rows.inner] = rows.fold_of_rows
         thetas = fit.thetas[fold]
-        left = target - np.stack([np.sum(B * thetas, axis=1) for B in base], axis=1)
-        errors = problem.compute_rms(left[rows.inner])
+        residual = target - np.stack([np.sum(B * thetas, axis=1) for B in base], axis=1)
+        errors = problem.compute_rms(residual[rows.inner])
         if torque is None:
             torque = compute_torque(problem, fit.theta, columns)
         return Solution(
-            tuple(accepted), tuple(columns), tuple(torque), fit, left, tuple(base), errors
+            tuple(accepted), tuple(columns), tuple(torque), fit, residual, tuple(base), errors
         )
 
     def pack_rows(self, rows: Mapping[int, Array]) -> Pack:
         """Return one group of rows, joint → (N, k), as a pack."""
-        own = self.problem.rows
-        white = {j: self.whitening.apply(own, x, j) for j, x in rows.items()}
-        return pack_columns(white, own.folds)
+        problem = self.problem
+        white = {j: self.whitening.apply(problem.rows, x, j) for j, x in rows.items()}
+        return pack_columns(white, problem.rows.folds)
 
     def measure_causes(
         self, solution: Solution, without: Solution, causes: Sequence[Candidate]
     ) -> Array:
         """Return the gain of some causes of a model together beside it without them, by fold, (K,)."""
-        places = np.concatenate(
-            [
-                np.arange(len(solution.fit.norms))[solution.get_places(cause, self.problem)]
-                for cause in causes
-            ]
-        )
+        places = solution.find_places(causes, self.problem)
         rows = {j: B[:, places] for j, B in enumerate(solution.base) if B[:, places].any()}
         return np.asarray(without.fit.measure(self.pack_rows(rows)).by_fold[0])
 
@@ -310,7 +311,7 @@ class Search:
         hits = list[Hit]()
         for place, candidate in enumerate(candidates):
             # A change of bodies is a part of the rigid columns, told from them by their prior alone.
-            is_told = gains.remaining[place] >= LEAST_LEFT or candidate.cause.of_given_model
+            differs = gains.remaining[place] >= LEAST_LEFT or candidate.cause.of_given_model
             # A harmonic may come again with other periods.
             is_new = candidate not in solution.accepted and (
                 candidate.is_harmonic or not solution.has_kind(candidate)
@@ -319,19 +320,17 @@ class Search:
             if candidate.joint is not None:
                 friction = gains.beside[place, self.problem.get_own_columns(candidate.joint)][:2]
             coefficients = gains.coefficients[place]
-            if is_told and is_new and candidate.is_admissible(coefficients, friction):
+            if differs and is_new and candidate.is_admissible(coefficients, friction):
                 hits.append(Hit(candidate, gains.by_fold[place], coefficients))
         return hits
 
     def refine(self, solution: Solution, hits: Sequence[Hit], count: int = REFINED) -> list[Hit]:
         """Return the best hit of each cause at each place, their shapes refined by bisection on the gain."""
-        best = list[Hit]()
+        best = dict[tuple[str, ...], Hit]()
         for hit in hits:
-            if len(best) == count:
-                break
-            if not any(hit.candidate.is_same_form(other.candidate) for other in best):
-                best.append(self._simplify(hit, hits))
-        refined = [self.bisect(solution, hit) for hit in best]
+            best.setdefault(hit.candidate.form, hit)
+        simple = [self._simplify(hit, hits) for hit in [*best.values()][:count]]
+        refined = [self.bisect(solution, hit) for hit in simple]
         return sorted(refined, key=lambda hit: -hit.score)
 
     def _simplify(self, best: Hit, hits: Sequence[Hit]) -> Hit:
@@ -339,7 +338,7 @@ class Search:
         if best.candidate.is_harmonic:
             return best
         cost = self.problem.settings.kept_nats
-        forms = [hit for hit in hits if hit.candidate.is_same_form(best.candidate)]
+        forms = [hit for hit in hits if hit.candidate.form == best.candidate.form]
         return max(forms, key=lambda hit: hit.score - cost * len(hit.coefficients))
 
     def bisect(self, solution: Solution, hit: Hit) -> Hit:
@@ -384,12 +383,6 @@ def sum_squares_by_fold(problem: Problem, solution: Solution) -> Array:
     return np.add.reduceat(left**2, problem.rows.starts, axis=0)
 
 
-def split_coefficients(problem: Problem, theta: Array, columns: Sequence[Columns]) -> list[Array]:
-    """Return the coefficients of each of a model's causes."""
-    ends = np.cumsum([problem.own_count, *(x.width for x in columns)])
-    return [theta[first:last] for first, last in pairwise(ends)]
-
-
 @dataclass(frozen=True, eq=False)
 class Found:
     """Result of a search.
@@ -420,9 +413,9 @@ def find_causes(search: Search, shelves: Sequence[Shelf] = ()) -> Found:
     solution = first
     shelves = search.renew_shelves(shelves, first) or search.build_shelves(first)
     rejected = list[Rejection]()
-    failures = Counter[tuple[str, str]]()
     while len(solution.accepted) < settings.most_causes + 2 * problem.rig.n:
-        past = {rejection.candidate for rejection in rejected}
+        past = [rejection.candidate for rejection in rejected]
+        failures = Counter(candidate.kind for candidate in past)
         clear = [
             hit
             for hit in search.screen(solution, shelves)
@@ -443,15 +436,12 @@ def find_causes(search: Search, shelves: Sequence[Shelf] = ()) -> Found:
         if torque[joint] < least:
             share = float(torque[joint] / problem.torque_rms[joint])
             rejected.append(Rejection(candidate, share))
-            if not solution.has_kind(candidate):
-                failures[candidate.kind] += MOST_FAILURES + 1
             continue
         extended = search.solve((*solution.accepted, candidate), solution)
         lowered = float(solution.errors[joint] ** 2 - extended.errors[joint] ** 2)
         is_of_bodies = candidate.cause.of_given_model
         if not is_of_bodies and np.sqrt(max(lowered, 0.0)) < settings.unwhitened_share * least:
             rejected.append(Rejection(candidate, 0.0))
-            failures[candidate.kind] += 1
             continue
         solution = extended
         shelves = search.renew_shelves(shelves, solution)
