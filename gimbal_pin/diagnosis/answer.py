@@ -247,8 +247,8 @@ def _describe_shift(
     solution = explanation.found.final
     problem = search.problem
     place = problem.get_own_columns(joint).start + SHIFT
-    without = search.fit_without_column(solution, place)
-    lag = without.fit.measure(search.pack_rows({joint: solution.base[joint][:, [place]]}, 1))
+    without = search.fit_without(solution, (), [place])
+    lag = without.fit.measure(search.pack_rows({joint: solution.base[joint][:, [place]]}))
     time = shift
     for _ in range(DELAY_PASSES):
         delay = without.fit.measure(_pack_delay(search, solution, joint, time))
@@ -291,7 +291,7 @@ def _pack_delay(search: Search, solution: Solution, joint: int, time: float) -> 
         (np.interp(part.time + time, part.time, x[:, joint]) - x[:, joint]) / time
         for part, x in zip(rows.stretches, solution.torque)
     ]
-    return search.pack_rows({joint: rows.project(ahead, joint)}, 1)
+    return search.pack_rows({joint: rows.project(ahead, joint)})
 
 
 def _describe_drive(explanation: Explanation, drive: Drive) -> Finding:

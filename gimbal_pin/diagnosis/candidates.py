@@ -5,16 +5,22 @@ Columns that depend on load read the model's own torque, never the measured one,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isnan, log, pi
+from math import inf, isnan, log, pi
 
 import numpy as np
 from scipy import fft
 
-from gimbal_pin.effects import CAUSES, CableSpring, Cause, Effect, RigEffect, Sample
+from gimbal_pin.effects import (
+    CAUSES,
+    CableSpring,
+    Cause,
+    Effect,
+    JointFlexibility,
+    Sample,
+)
 from gimbal_pin.effects.harmonic import Harmonic
-from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig
@@ -33,8 +39,6 @@ LOG_PRIORS = {
 }
 """Log prior of a cause, nats; 0 for the others. What every peer's base model has comes first; what imitates anything
 comes last."""
-HARMONIC_COST = 1.6
-"""Cost of a harmonic beside the log of its number, nats: the sum of 1/k over 100 harmonics is e^1.6."""
 PART_TURN_COST = 3.0
 """Cost of a harmonic of which less than one period was travelled, nats: it is a bend like any other."""
 ORDINARY = ("torque-bias", "armature")
@@ -43,6 +47,8 @@ DRAG_POWERS = (1.3, 1.5, 1.7, 1.85, 2.0, 2.25, 2.5, 3.0, 3.5)
 """Powers of the rate that are tried: beside one that is far off viscous friction turns negative."""
 PASSIVE = ("stribeck", "quadratic-drag")
 """Friction laws beside which dry and viscous friction must not turn negative."""
+DRIVES = ("joint-flexibility",)
+"""Causes that act on the command and have columns that read the model's own torque."""
 RESONANCE_SHARE = (0.25, 1.5)
 """Admissible share of a joint's torque that stands behind its spring."""
 RESONANCE_DAMPING = 0.05
@@ -82,6 +88,11 @@ class Candidate:
         return self.cause.place
 
     @property
+    def kind(self) -> tuple[str, str]:
+        """Name and place: all that its shapes share."""
+        return self.name, self.place
+
+    @property
     def is_harmonic(self) -> bool:
         """True if it may be there several times, with other numbers of periods per turn."""
         return isinstance(self.cause, Harmonic)
@@ -96,17 +107,11 @@ class Candidate:
         """True if its columns read the model's own torque."""
         return (isinstance(self.cause, Effect) and self.cause.loaded) or self.name in DRIVES
 
-    def is_same_form(self, other: Candidate) -> bool:
-        """Return whether another candidate is the same cause at the same place, and refined along the same shapes."""
-        ends = [
-            one.cause.list_ends() if isinstance(one.cause, CableSpring) else ()
-            for one in (self, other)
-        ]
-        return self.is_same(other) and ends[0] == ends[1]
-
-    def is_same(self, other: Candidate) -> bool:
-        """Return whether both are one cause at one place, whatever their shapes."""
-        return (self.name, self.place) == (other.name, other.place)
+    @property
+    def form(self) -> tuple[str, ...]:
+        """Its kind and the shapes along which it is refined: of a slack spring the ends that come taut."""
+        ends = self.cause.list_ends() if isinstance(self.cause, CableSpring) else ()
+        return *self.kind, *ends
 
     def is_admissible(self, coefficients: Array, friction: Array) -> bool:
         """Return whether such coefficients are physically possible.
@@ -123,44 +128,40 @@ class Candidate:
             return bool(np.hypot(*coefficients) < LARGEST_RIPPLE)
         if not isinstance(self.cause, Effect):
             return True
-        return all(_is_within(p) for p in self.cause.shown(coefficients.tolist()))
+        # A parameter that is not known may have any value.
+        return all(
+            isnan(p.value) or p.lower <= p.value <= p.upper
+            for p in self.cause.shown(coefficients.tolist())
+        )
 
 
-def _is_within(parameter: Parameter) -> bool:
-    """Return whether a parameter has a value that is physically possible; one that is not known may have any."""
-    return isnan(parameter.value) or parameter.lower <= parameter.value <= parameter.upper
-
-
-def compute_resonance(torque: Array, dt: float, cause: Cause) -> Array:
-    """``N(T) - T``: what a load on a spring adds to the torque that moves it rigidly, (m, 1).
+def compute_resonance(torque: Array, dt: float, hertz: float) -> Array:
+    """``N(T) - T``: what a load on a spring adds to the torque that moves it rigidly, (m,).
 
     N is the resonance ``1/(1 - s² + 2 i ζ s)`` of the load with the rotor held, s the frequency over its own.
     """
-    hertz = float(cause.frequency)  # type: ignore[attr-defined]
     memory = int(1.0 / (RESONANCE_DAMPING * hertz * dt))
     length = fft.next_fast_len(len(torque) + memory, real=True)
     ratio = fft.rfftfreq(length, dt) / hertz
     gain = 1.0 / (1.0 - ratio**2 + 2j * RESONANCE_DAMPING * ratio) - 1.0
     spectrum = fft.rfft(torque - torque.mean(), length)
-    return np.asarray(fft.irfft(spectrum * gain, length)[: len(torque), None])
-
-
-DRIVES: dict[str, Callable[[Array, float, Cause], Array]] = {
-    "joint-flexibility": compute_resonance,
-}
-"""Name of a drive's cause → its columns from the model's own torque of a joint, (m,)."""
+    return np.asarray(fft.irfft(spectrum * gain, length)[: len(torque)])
 
 
 def compute_columns(candidates: Sequence[Candidate], sample: Sample, dt: float) -> Array:
     """Return the columns of candidates at one joint side by side, (m, all k)."""
     columns = list[Array]()
+    if any(candidate.is_harmonic for candidate in candidates):
+        octaves = 2.0 ** np.arange(np.ceil(np.log2(max(HARMONICS.values()) + 1)))
+        sample = sample._replace(turns=np.exp(1j * octaves[:, None] * np.asarray(sample.q)))
     for candidate in candidates:
         cause = candidate.cause
-        if candidate.name in DRIVES:
-            columns.append(DRIVES[candidate.name](np.asarray(sample.tau), dt, cause))
-        elif isinstance(cause, Effect):
-            columns.append(np.column_stack(cause.basis(sample)))
-    return np.hstack(columns)
+        if isinstance(cause, Effect):
+            columns += [np.asarray(x) for x in cause.basis(sample)]
+        elif isinstance(cause, JointFlexibility):
+            columns.append(compute_resonance(np.asarray(sample.tau), dt, cause.frequency))
+    # Signals stand one after the other in memory: each is filtered by itself.
+    return np.array(columns).T
 
 
 def count_columns(candidate: Candidate) -> int:
@@ -168,61 +169,60 @@ def count_columns(candidate: Candidate) -> int:
     return len(candidate.cause.coefficients) if isinstance(candidate.cause, Effect) else 1
 
 
-def list_candidates(rig: Rig, joint: int, seen: OperatingRange) -> list[Candidate]:
-    """Return what is tried at a joint; every cause's prior is shared by its shapes."""
+def list_candidates(rig: Rig, joint: int, ranges: OperatingRange) -> list[Candidate]:
+    """Return what is tried at a joint; every cause's prior is shared by its shapes.
+
+    All alike, but the k-th harmonic has the share 1/k of the first.
+    """
     name = rig.joints[joint]
     candidates = list[Candidate]()
     for kind in CAUSES.values():
-        if not kind.of_joint or issubclass(kind, RigEffect) or kind.is_stated(name, rig):
+        if not kind.of_joint or kind.is_stated(name, rig):
             continue
-        tried = [
-            cause for cause in _list_shapes(kind, name, seen) if rig.n > 1 or not cause.coupled
-        ]
-        offset = LOG_PRIORS.get(kind.name, 0.0)
-        for cause in tried:
-            prior = offset - log(len(tried))
+        shapes = [x for x in _list_shapes(kind, name, ranges) if rig.n > 1 or not x.coupled]
+        inverses = sum(1.0 / k for cause in shapes for k in cause.pieces)
+        for cause in shapes:
+            cost = log(len(shapes))
             if isinstance(cause, Harmonic):
-                prior = offset - _compute_harmonic_cost(cause, seen)
+                k = cause.harmonic[0]
+                cost = log(k * inverses) + PART_TURN_COST * (k * ranges.travel < 2 * pi)
+            prior = LOG_PRIORS.get(kind.name, 0.0) - cost
             candidates.append(Candidate(cause, joint, prior))
     return candidates
 
 
-def _compute_harmonic_cost(cause: Harmonic, seen: OperatingRange) -> float:
-    """Return what a harmonic costs beside its cause's prior, nats."""
-    k = cause.harmonic[0]
-    return log(k) + HARMONIC_COST + PART_TURN_COST * (k * seen.travel < 2 * pi)
-
-
-def _list_shapes(kind: type[Cause], joint: str, seen: OperatingRange) -> list[Cause]:
+def _list_shapes(kind: type[Cause], joint: str, ranges: OperatingRange) -> Sequence[Cause]:
     """Return the shapes of a cause that are tried at a joint."""
     if issubclass(kind, Harmonic):
         highest = HARMONICS.get(kind.name, 0)
         orders = [*range(1, min(highest, 100) + 1), *range(102, highest + 1, 2)]
-        tried = [k for k in orders if k * seen.travel > 2 * pi * SMALLEST_PERIODS]
-        return [kind(joint, (float(k),)) for k in tried]
+        return [
+            kind(joint, (float(k),))
+            for k in orders
+            if k * ranges.travel > 2 * pi * SMALLEST_PERIODS
+        ]
     match kind.name:
         case "joint-flexibility":
-            resonance = RESONANCE_BAND * seen.band
-            return [kind.inside(joint, float(hertz)) for hertz in np.geomspace(2.5, resonance, 6)]
+            resonances = np.geomspace(2.5, RESONANCE_BAND * ranges.band, 6).tolist()
+            return [kind.inside(joint, hertz) for hertz in resonances]
         case "quadratic-drag":
             return [kind.inside(joint, power) for power in DRAG_POWERS]
         case "friction-drift":
-            return _list_drifts(kind, joint, seen)
-    if not issubclass(kind, Effect):
-        return []
-    return list(kind.tried(joint, seen))
+            return _list_drifts(kind, joint, ranges)
+    return kind.tried(joint, ranges) if issubclass(kind, Effect) else ()
 
 
-def _list_drifts(kind: type[Cause], joint: str, seen: OperatingRange) -> list[Cause]:
+def _list_drifts(kind: type[Cause], joint: str, ranges: OperatingRange) -> list[Cause]:
     """Return drifts over time, and over the temperature or what the motor itself turned into heat."""
-    if seen.seconds <= 20.0:
+    if ranges.seconds <= 20.0:
         return []
-    spans = (seen.seconds / 6, seen.seconds / 2, 10 * seen.seconds)
-    over_time: list[Cause] = [kind.inside(joint, span) for span in spans]
-    if seen.warm:
-        return [*over_time, kind.inside(joint, thermal=True)]
-    own = [kind.inside(joint, span, held=seen.rms) for span in spans[:2] if seen.rms]
-    return [*over_time, *own]
+    spans = (ranges.seconds / 6, ranges.seconds / 2, 10 * ranges.seconds)
+    drifts: list[Cause] = [kind.inside(joint, span) for span in spans]
+    if ranges.warm:
+        drifts.append(kind.inside(joint, thermal=True))
+    elif ranges.rms:
+        drifts += [kind.inside(joint, span, held=ranges.rms) for span in spans[:2]]
+    return drifts
 
 
 REFINEMENTS = {
@@ -239,27 +239,21 @@ The ends of a slack spring move by that share of the travel.
 """
 
 
-def vary_shape(candidate: Candidate, step: float, seen: OperatingRange) -> list[Candidate]:
-    """Return the candidate with its refined shape parameters a step higher and lower, as far as that is admissible."""
-    if candidate.name not in REFINEMENTS:
-        return []
-    name = REFINEMENTS[candidate.name][0]
+def vary_shape(candidate: Candidate, step: float, ranges: OperatingRange) -> list[Candidate]:
+    """Return the candidate with its refined shape parameters a step higher and lower, as far as logs can show it."""
     cause = candidate.cause
+    name = REFINEMENTS[candidate.name][0]
+    low, high = -inf, inf
+    if candidate.name == "joint-flexibility":
+        high = RESONANCE_BAND * ranges.band
+    if candidate.name == "stribeck":
+        low, high = max(3 * ranges.rate_std, 0.01 * ranges.rate), ranges.rate
     if isinstance(cause, CableSpring):
-        shift = (step - 1.0) * seen.travel
-        moved = [(end, shift * sign) for end in cause.list_ends() for sign in (-1, 1)]
-        values = [(end, float(getattr(cause, end)) + by) for end, by in moved]
+        shift = (step - 1.0) * ranges.travel
+        values = [
+            (end, getattr(cause, end) + by) for end in cause.list_ends() for by in (-shift, shift)
+        ]
     else:
-        values = [(name, factor * float(getattr(cause, name))) for factor in (1 / step, step)]
-    varied = [cause.moved(end, value) for end, value in values if _is_in_range(cause, value, seen)]
-    return [replace(candidate, cause=one) for one in varied if one != cause]
-
-
-def _is_in_range(cause: Cause, value: float, seen: OperatingRange) -> bool:
-    """Return whether logs can show a shape: a resonance inside the band, a speed that is told from none."""
-    match cause.name:
-        case "joint-flexibility":
-            return value <= RESONANCE_BAND * seen.band
-        case "stribeck":
-            return max(3 * seen.rate_std, 0.01 * seen.rate) < value < seen.rate
-    return True
+        values = [(name, factor * getattr(cause, name)) for factor in (1 / step, step)]
+    varied = [cause.moved(key, value) for key, value in values if low < value < high]
+    return [replace(candidate, cause=x) for x in varied if x != cause]

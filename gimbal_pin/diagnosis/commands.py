@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from math import log, sqrt
 
 import numpy as np
-from scipy.linalg import cho_solve
 
 from gimbal_pin.diagnosis.candidates import RESONANCE_BAND, Candidate
 from gimbal_pin.diagnosis.problem import SHIFT, Problem, compute_torque
@@ -208,7 +207,7 @@ def measure_command(
     if not (shows_inertia(problem, fit, joint, after) or fixes_scale(search, joint, torque)):
         by_fold = np.full(len(by_fold), -np.inf)
     candidate = Candidate(signal, joint, log_prior)
-    hit = Hit(candidate, float(by_fold.sum()), by_fold, np.zeros(0), np.zeros((0, 0)))
+    hit = Hit(candidate, by_fold, np.zeros(0))
     return CommandHit(hit, torque, fit)
 
 
@@ -229,7 +228,7 @@ def shows_inertia(problem: Problem, fit: BlockFit, joint: int, inertia: float) -
     direction = problem.inertia[joint]
     scaled = np.zeros(len(fit.norms))
     scaled[: problem.base_count] = direction / fit.norms[: problem.base_count]
-    known = float(scaled @ cho_solve(fit.whole, scaled, check_finite=False))
+    known = float(scaled @ fit.inverse @ scaled)
     believed = float(direction**2 @ (1.0 / problem.precision))
     told = 1.0 / max(known, 1e-300) - 1.0 / believed
     return bool(told > 0 and 2.0 / np.sqrt(told) < 0.5 * inertia)
@@ -343,7 +342,7 @@ def discount_noise(search: Search, solution: Solution, joint: int, found: Comman
     whole = by_fold.sum() + solution.fit.rows[:, joint].sum() * min(most - known, 0.0)
     if whole < problem.settings.gain_nats:
         by_fold = np.full(len(by_fold), -np.inf)
-    return replace(found, hit=replace(found.hit, gain=float(by_fold.sum()), by_fold=by_fold))
+    return replace(found, hit=replace(found.hit, by_fold=by_fold))
 
 
 def _measure_imitation(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gimbal_pin.diagnosis.commands import Drive, compute_drive_gain, find_commands
+from gimbal_pin.diagnosis.library import Shelf
 from gimbal_pin.diagnosis.mount import Mount, find_mount, find_turn
 from gimbal_pin.diagnosis.noise import estimate_noise
 from gimbal_pin.diagnosis.problem import (
@@ -159,7 +160,7 @@ def search_rows(
     """Estimate the noise and search for causes; then look for drives where something is left."""
     problem = build_problem(rows, reduce_parameters(rig, base=base), settings, platforms)
     rough = Search(problem, build_flat_whitening(problem), ())
-    first = rough.solve((), rough.solve(()))
+    first = rough.solve(())
     whitening = estimate_noise(problem, first.torque)
     search = Search(problem, whitening, tuple(list_rig_changes(problem, platforms)))
     explanation = _search(search)
@@ -170,9 +171,9 @@ def search_rows(
     return explanation
 
 
-def _search(search: Search) -> Explanation:
+def _search(search: Search, shelves: Sequence[Shelf] = ()) -> Explanation:
     """Return what a search finds, and what is left."""
-    found = find_causes(search)
+    found = find_causes(search, shelves)
     final, shelves = exchange_for_better(search, found.final, found.shelves)
     final = refine_shapes(search, final)
     found = replace(found, final=final, shelves=shelves)
@@ -200,7 +201,7 @@ def _search_behind_drive(
     search = before.search
     final = before.found.final
     problem = replace_torque(search.problem, joint, drive.hit.torque)
-    after = _search(replace(search, problem=problem))
+    after = _search(replace(search, problem=problem), before.found.shelves)
     gain = compute_drive_gain(search, final, after.found.final, drive.hit.hit)
     own, other = (
         sum(one.log_prior for one in solution.accepted) for solution in (after.found.final, final)

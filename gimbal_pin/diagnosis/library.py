@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from gimbal_pin.diagnosis.candidates import (
     Candidate,
     compute_columns,
     count_columns,
-    list_candidates,
 )
 from gimbal_pin.diagnosis.problem import Columns, Problem, Whitening
 from gimbal_pin.diagnosis.score import Pack, pack_columns
@@ -21,7 +20,7 @@ from gimbal_pin.log.log import Array
 
 @dataclass(frozen=True, eq=False)
 class Shelf:
-    """Candidates at one joint and their columns.
+    """Candidates at one joint with equally many columns, which all read the model's torque or all do not.
 
     Attributes:
         candidates: The candidates.
@@ -36,89 +35,80 @@ class Shelf:
     torque: Array
 
 
+def compute_torques(
+    problem: Problem, candidates: Sequence[Candidate], joint: int, torque: Sequence[Array]
+) -> tuple[Array, ...]:
+    """Return the columns of candidates at a joint along each stretch, (m, all k).
+
+    Args:
+        problem: The rows.
+        candidates: The candidates.
+        joint: The joint.
+        torque: The model's own torque along each stretch, N m, (m, n).
+    """
+    return tuple(
+        compute_columns(candidates, problem.sample(s, joint, torque[s]), part.dt)
+        for s, part in enumerate(problem.rows.stretches)
+    )
+
+
 def project_candidates(
     problem: Problem, candidates: Sequence[Candidate], joint: int, torque: Sequence[Array]
 ) -> Array:
-    """Return the rows of candidates at a joint, (N, all k); `torque`: the model's own, N m, (m, n) per stretch."""
-    stretches = problem.rows.stretches
-    signals = [
-        compute_columns(candidates, problem.sample(s, joint, torque[s]), part.dt)
-        for s, part in enumerate(stretches)
-    ]
-    return problem.rows.project(signals, joint)
+    """Return the rows of candidates at a joint, (N, all k): see `compute_torques`."""
+    return problem.rows.project(compute_torques(problem, candidates, joint, torque), joint)
 
 
 def build_joint_columns(problem: Problem, candidate: Candidate, torque: Sequence[Array]) -> Columns:
-    """Return the columns of one candidate at its joint."""
+    """Return the columns of one candidate at its joint.
+
+    Harmonics whose periods a short travel does not resolve would take opposite values of any size without a prior.
+    """
     joint = candidate.joint
     assert joint is not None
-    torques = tuple(
-        compute_columns([candidate], problem.sample(s, joint, torque[s]), part.dt)
-        for s, part in enumerate(problem.rows.stretches)
-    )
-    rows = {joint: problem.rows.project(torques, joint)}
-    return Columns(torques, rows, joint, precision=get_precision(problem, candidate))
-
-
-def get_precision(problem: Problem, candidate: Candidate) -> float:
-    """Return the prior precision of a candidate's coefficients.
-
-    Harmonics whose periods a short travel does not resolve would else take opposite values of any size.
-    """
-    if not candidate.is_harmonic or candidate.joint is None:
-        return 0.0
-    is_share = candidate.name == "torque-ripple"
-    size = LARGEST_RIPPLE if is_share else float(problem.torque_rms[candidate.joint])
-    return 1.0 / size**2
-
-
-def pack_candidates(
-    problem: Problem,
-    whitening: Whitening,
-    target: Array,
-    candidates: Sequence[Candidate],
-    joint: int,
-    torque: Sequence[Array],
-) -> Pack:
-    """Return the whitened columns of candidates at a joint; `target`: inner whitened torque, (N, n)."""
-    rows = project_candidates(problem, candidates, joint, torque)
-    white = whitening.apply(problem.rows, rows, joint)
-    widths = [count_columns(candidate) for candidate in candidates]
-    return pack_columns({joint: white}, widths, target, problem.rows.folds)
+    torques = compute_torques(problem, [candidate], joint, torque)
+    precision = 0.0
+    if candidate.is_harmonic:
+        is_share = candidate.name == "torque-ripple"
+        precision = (LARGEST_RIPPLE if is_share else float(problem.torque_rms[joint])) ** -2
+    return Columns(torques, {joint: problem.rows.project(torques, joint)}, joint, (), precision)
 
 
 def build_shelves(
-    problem: Problem, whitening: Whitening, target: Array, torque: Sequence[Array]
+    problem: Problem,
+    whitening: Whitening,
+    candidates: Sequence[Candidate],
+    joint: int,
+    torque: Sequence[Array],
 ) -> list[Shelf]:
-    """Return two shelves per joint: candidates that read the motion alone, and those that read the torque."""
+    """Return candidates at a joint with their columns beside a model with some torque, N m, (m, n) per stretch."""
+    groups = dict[tuple[bool, int], list[Candidate]]()
+    for candidate in candidates:
+        key = candidate.reads_torque, count_columns(candidate)
+        groups.setdefault(key, []).append(candidate)
+    rows = problem.rows
+    level = np.concatenate([x[:, joint] for x in torque])
     shelves = list[Shelf]()
-    for j in problem.joints:
-        every = list_candidates(problem.rig, j, problem.ranges[j])
-        level = np.concatenate([x[:, j] for x in torque])
-        for reads in (False, True):
-            own = tuple(one for one in every if one.reads_torque is reads)
-            if own:
-                pack = pack_candidates(problem, whitening, target, own, j, torque)
-                shelves.append(Shelf(own, j, pack, level))
+    for (_, width), group in groups.items():
+        columns = project_candidates(problem, group, joint, torque)
+        white = whitening.apply(rows, columns, joint)
+        shelves.append(
+            Shelf(tuple(group), joint, pack_columns({joint: white}, rows.folds, width), level)
+        )
     return shelves
 
 
 def renew_shelves(
-    problem: Problem,
-    whitening: Whitening,
-    target: Array,
-    shelves: Sequence[Shelf],
-    torque: Sequence[Array],
+    problem: Problem, whitening: Whitening, shelves: Sequence[Shelf], torque: Sequence[Array]
 ) -> list[Shelf]:
     """Return shelves whose columns are built from a model's torque, where that changed materially."""
     renewed = list[Shelf]()
     for shelf in shelves:
-        j = shelf.joint
-        level = np.concatenate([x[:, j] for x in torque])
+        level = np.concatenate([x[:, shelf.joint] for x in torque])
         change = float(np.linalg.norm(level - shelf.torque))
-        stale = problem.settings.stale_torque * float(np.linalg.norm(level))
-        if shelf.candidates[0].reads_torque and change > stale:
-            pack = pack_candidates(problem, whitening, target, shelf.candidates, j, torque)
-            shelf = replace(shelf, pack=pack, torque=level)
-        renewed.append(shelf)
+        is_stale = change > problem.settings.stale_torque * float(np.linalg.norm(level))
+        if is_stale and shelf.candidates[0].reads_torque:
+            renewed += build_shelves(problem, whitening, shelf.candidates, shelf.joint, torque)
+        else:
+            renewed.append(shelf)
     return renewed

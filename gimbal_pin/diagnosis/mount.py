@@ -111,14 +111,11 @@ def measure_tilt(search: Search, solution: Solution, mount: Mount) -> Tilt:
     A further small turn that the model has found is part of it. The deviations are those of such a turn.
     """
     std = dict[str, float]()
-    for change in search.changes:
-        turn = change.candidate
-        if not isinstance(turn.cause, BaseTilt):
-            continue
-        accepted = [x for x in solution.accepted if x == turn]
-        hit = search.measure(search.fit_without(solution, accepted), turn)
-        if hit is not None and len(hit.coefficients) == 2:
-            std = dict(zip(("roll", "pitch"), np.sqrt(np.diag(hit.covariance)).tolist()))
+    for turn in [x.candidate for x in search.changes if isinstance(x.candidate.cause, BaseTilt)]:
+        kept = [x for x in solution.accepted if x != turn]
+        turned = search.solve([*kept, turn], solution)
+        variance = np.diag(turned.fit.covariance)[turned.get_places(turn, search.problem)]
+        std = dict(zip(("roll", "pitch"), np.sqrt(variance).tolist()))
     x, y, z = _add_turn(search.problem, solution, np.array(mount.force)).tolist()
     return Tilt(BaseTilt(roll=atan2(y, z), pitch=atan2(-x, hypot(y, z))), std)
 

@@ -19,18 +19,19 @@ from tqdm import trange
 
 from gimbal_pin.diagnosis.candidates import DRIVES, Candidate, list_candidates
 from gimbal_pin.diagnosis.explanation import Explanation
-from gimbal_pin.diagnosis.library import pack_candidates
+from gimbal_pin.diagnosis.library import build_shelves
 from gimbal_pin.diagnosis.problem import (
     Columns,
     build_base_rows,
     build_precision,
     build_problem,
     compute_torque,
+    split_coefficients,
 )
 from gimbal_pin.diagnosis.rig_causes import list_rig_changes
 from gimbal_pin.diagnosis.rows import build_rows
 from gimbal_pin.diagnosis.score import BlockFit, Gains, Pack, fit_blocks
-from gimbal_pin.diagnosis.search import LEAST_LEFT, Search, split_coefficients
+from gimbal_pin.diagnosis.search import LEAST_LEFT, Search
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import CAUSES, Effect, RigEffect
@@ -205,7 +206,7 @@ def list_groups(explanation: Explanation) -> list[Group]:
     theta = explanation.found.first.fit.theta
     groups: list[Group] = [(shelf.candidates, shelf.pack) for shelf in explanation.found.shelves]
     for change in search.changes:
-        pack = search.pack(change.build_columns(search.problem, theta))
+        pack = search.pack_rows(change.build_columns(search.problem, theta).rows)
         groups.append(([change.candidate], pack))
     return groups
 
@@ -216,8 +217,7 @@ def whiten_torque(search: Search, rows: Mapping[int, Array]) -> Array:
     added = np.zeros_like(problem.measured)
     for j, own in rows.items():
         added[:, j] = own
-    apply = search.whitening.apply
-    return np.hstack([apply(problem.rows, added[:, [j]], j) for j in problem.joints])
+    return search.whitening.apply_each(problem.rows, added)
 
 
 def compute_power(fit: BlockFit) -> float:
@@ -227,11 +227,7 @@ def compute_power(fit: BlockFit) -> float:
 
 def measure_left(fit: BlockFit, pack: Pack) -> tuple[Array, Gains]:
     """Return the power that is left beside each group of columns, (G,): see `compute_power`; and their coefficients."""
-    targets = {
-        j: np.array([fit.target[fold, j] @ x[fold] for fold in fit.folds])
-        for j, x in pack.columns.items()
-    }
-    gains = fit.measure(replace(pack, targets=targets))
+    gains = fit.measure(pack)
     return np.asarray(np.sum(gains.errors * fit.weight, axis=(1, 2))), gains
 
 
@@ -282,14 +278,14 @@ def _measure_motion(
         fit = _fit_others(search, torque, others, final.fit.weight, rng)
         parts = [{j: x @ values[i] for j, x in columns[i].rows.items()} for i in own]
         fit = fit.refit(sum((whiten_torque(search, part) for part in parts), 0.0 * fit.target))
-        packs = _pack_rivals(search, fit, torque, final.fit.theta, parting)
+        packs = _pack_rivals(search, torque, final.fit.theta, parting)
         left = min((float(measure_left(fit, x)[0].min()) for x in packs), default=0.0)
         gains[k] = compute_expected_gain(left, float(fit.rows.sum(axis=0).max()))
     return gains
 
 
 def _pack_rivals(
-    search: Search, fit: BlockFit, torque: Sequence[Array], theta: Array, parting: Parting
+    search: Search, torque: Sequence[Array], theta: Array, parting: Parting
 ) -> list[Pack]:
     """Return the whitened columns of all shapes of a rival, at the finding's joint or of the whole rig."""
     problem = search.problem
@@ -300,10 +296,9 @@ def _pack_rivals(
         own = [
             one for one in list_candidates(rig, j, problem.ranges[j]) if one.name == parting.rival
         ]
-        if own:
-            packs.append(pack_candidates(problem, search.whitening, fit.target, own, j, torque))
+        packs += [x.pack for x in build_shelves(problem, search.whitening, own, j, torque)]
     changes = [one for one in search.changes if one.candidate.name == parting.rival]
-    return [*packs, *(search.pack(one.build_columns(problem, theta)) for one in changes)]
+    return [*packs, *(search.pack_rows(one.build_columns(problem, theta).rows) for one in changes)]
 
 
 def _fit_others(

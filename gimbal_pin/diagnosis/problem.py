@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 
 from gimbal_pin.diagnosis.rows import Rows
-from gimbal_pin.diagnosis.score import BlockFit, fit_blocks
 from gimbal_pin.diagnosis.settings import Settings
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import (
@@ -37,8 +38,6 @@ FELT_WEIGHT = 1e-6
 """Gravity torque, as a share of the largest, below which it is rounding."""
 INERTIA_SAMPLES = 50
 """Poses over which a joint's inertia is averaged."""
-TORQUE_PASSES = 2
-"""Fits until the columns that read the model's torque are built from the torque that they are part of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +115,6 @@ class Problem:
         """Return what a joint's effects read along a stretch; `torque`: the model's own, N m, (m, n)."""
         part = self.rows.stretches[stretch]
         x = part.samples
-        warm = AMBIENT if part.temperature is None else part.temperature[:, joint]
         return Sample(
             part.time,
             x.q[:, joint],
@@ -124,7 +122,7 @@ class Problem:
             x.a[:, joint],
             part.direction[:, joint],
             torque[:, joint],
-            warm,
+            AMBIENT if part.temperature is None else part.temperature[:, joint],
             weight=self.weight[stretch][:, joint],
             losses=part.losses[joint],
         )
@@ -152,12 +150,18 @@ def build_problem(
         Y @ urdf + rig.armature * part.samples.a for Y, part in zip(regressor, rows.stretches)
     )
     tau = [part.samples.tau for part in rows.stretches]
-    left = [x - y for x, y in zip(tau, known)]
     motion = [
         [np.column_stack([part.direction[:, j], part.samples.v[:, j]]) for part in rows.stretches]
         for j in range(rig.n)
     ]
-    upright = _find_upright_joints(rows, platforms)
+    weight = tuple(
+        compute_gravity(rig, part.samples.q, platform)
+        for part, platform in zip(rows.stretches, platforms)
+    )
+    stands = all(platform is None for platform in platforms)
+    pull = np.max([np.abs(x).max(axis=0) for x in weight], axis=0)
+    q = rows.join("q")
+    poses = q[:: max(1, len(q) // INERTIA_SAMPLES)]
     return Problem(
         rows=rows,
         reduction=reduction,
@@ -166,28 +170,22 @@ def build_problem(
         known=known,
         rigid=tuple(rows.project([Y[:, j] for Y in regressor], j) for j in range(rig.n)),
         friction=tuple(rows.project(motion[j], j) for j in range(rig.n)),
-        target=_project_joints(rows, left),
+        target=_project_joints(rows, [x - y for x, y in zip(tau, known)]),
         measured=_project_joints(rows, tau),
         urdf=urdf,
         precision=_compute_prior_precision(rig, reduction, urdf, settings),
-        ranges=tuple(_measure_range(rows, j, upright[j]) for j in range(rig.n)),
-        inertia=_average_inertia(rows, places),
-        weight=tuple(
-            compute_gravity(rig, part.samples.q, platform)
-            for part, platform in zip(rows.stretches, platforms)
+        ranges=tuple(
+            _measure_range(rows, j, stands and bool(pull[j] <= FELT_WEIGHT * pull.max()))
+            for j in range(rig.n)
         ),
+        inertia=np.array(
+            [
+                compute_inertia_regressor(rig, poses, j, places)[:, j].mean(axis=0)
+                for j in range(rig.n)
+            ]
+        ),
+        weight=weight,
     )
-
-
-def _average_inertia(rows: Rows, places: Array) -> Array:
-    """Return the mean of each joint's own inertia per base parameter, (n, b)."""
-    q = rows.join("q")
-    q = q[:: max(1, len(q) // INERTIA_SAMPLES)]
-    rig = rows.rig
-    columns = [
-        compute_inertia_regressor(rig, q, j, places)[:, j].mean(axis=0) for j in range(rig.n)
-    ]
-    return np.array(columns)
 
 
 def _project_joints(rows: Rows, signals: Sequence[Array]) -> Array:
@@ -204,57 +202,39 @@ def _compute_prior_precision(
     A parameter's size is its URDF value, the rms of its kind over its link, or a share of the largest of its kind,
     whichever is greatest: a URDF states many parameters as zero that are none.
     """
-    names = [reduction.names[k] for k in reduction.independent]
-    kinds = [_get_kind(name) for name in names]
-    rms = {
-        kind: float(np.sqrt(np.mean([x**2 for x, own in zip(urdf, kinds) if own == kind])))
-        for kind in {*kinds}
-    }
-    largest = {symbol: max(x for (_, s), x in rms.items() if s == symbol) for _, symbol in kinds}
-    size = [
-        max(abs(x), rms[kind], KIND_SHARE * largest[kind[1]], 1e-12)
-        for x, kind in zip(urdf.tolist(), kinds)
-    ]
+    names = [reduction.names[k].rsplit(".", 1) for k in reduction.independent]
+    links = np.array([link for link, _ in names])
+    # An inertia, a first moment or a mass.
+    kinds = np.array([symbol if symbol == "m" else symbol[0] for _, symbol in names])
+    squares = pd.Series(urdf**2)
+    rms = np.sqrt(squares.groupby([links, kinds]).transform("mean"))
+    largest = rms.groupby(kinds).transform("max")
+    size = np.maximum.reduce([np.abs(urdf), rms, KIND_SHARE * largest]) + 1e-12
     is_trusted = rig.config.inertia == "trusted"
     width = settings.trusted_width if is_trusted else settings.prior_width
-    return np.asarray(1.0 / (width * np.array(size)) ** 2)
-
-
-def _get_kind(name: str) -> tuple[str, str]:
-    """Return link and kind of an inertial parameter: inertia, first moment or mass."""
-    link, symbol = name.rsplit(".", 1)
-    return link, symbol if symbol == "m" else symbol[0]
-
-
-def _find_upright_joints(rows: Rows, platforms: Sequence[Platform | None]) -> list[bool]:
-    """Return whether each joint's axis is vertical throughout, so that gravity is no torque there."""
-    if any(platform is not None for platform in platforms):
-        return [False] * rows.rig.n
-    q = rows.join("q")
-    pull = np.abs(compute_gravity(rows.rig, q[:: max(1, len(q) // INERTIA_SAMPLES)]))
-    return (pull.max(axis=0) <= FELT_WEIGHT * pull.max()).tolist()
+    return np.asarray((width * size) ** -2.0)
 
 
 def _measure_range(rows: Rows, joint: int, is_upright: bool) -> OperatingRange:
     """Return what the logs show of a joint."""
-    seen = rows.inner_samples
-    q, v, tau = (rows.join(name)[seen, joint] for name in ("q", "v", "tau"))
-    std = float(np.mean([part.samples.rate_std[joint] for part in rows.stretches]))
+    q, v, tau = (rows.join(name)[rows.inner_samples, joint] for name in ("q", "v", "tau"))
+    stretches = rows.stretches
+    rate, torque = (float(np.quantile(np.abs(x), 0.98)) for x in (v, tau))
     return OperatingRange(
         seconds=rows.seconds,
-        dt=rows.stretches[0].dt,
+        dt=stretches[0].dt,
         band=rows.band,
         travel=float(np.ptp(q)),
-        rate=float(np.quantile(np.abs(v), 0.98)),
-        rate_std=std,
-        torque=float(np.quantile(np.abs(tau), 0.98)),
+        rate=rate,
+        rate_std=float(np.mean([part.samples.rate_std[joint] for part in stretches])),
+        torque=torque,
         peak=float(np.quantile(np.abs(tau), 0.995)),
         upright=is_upright,
         middle=float(q.max() + q.min()) / 2,
         rms=float(np.sqrt(np.mean(tau**2))),
         warm=any(
             part.temperature is not None and np.ptp(part.temperature[:, joint]) > 0
-            for part in rows.stretches
+            for part in stretches
         ),
     )
 
@@ -277,6 +257,10 @@ class Whitening:
         """Return whitened inner rows of columns (N, k)."""
         filtered = rows.filter(columns, self.gains[joint], self.frequencies)
         return filtered[rows.inner]
+
+    def apply_each(self, rows: Rows, torque: Array) -> Array:
+        """Return whitened inner rows of a torque at each joint, (N, n)."""
+        return np.hstack([self.apply(rows, torque[:, [j]], j) for j in range(rows.rig.n)])
 
 
 def build_flat_whitening(problem: Problem) -> Whitening:
@@ -310,18 +294,6 @@ class Columns:
         """Number of coefficients."""
         return int(self.torques[0].shape[-1])
 
-    def add_to(self, torque: Sequence[Array], values: Array) -> list[Array]:
-        """Return torques (m, n) per stretch with these coefficients added."""
-        out = [x.copy() for x in torque]
-        for x, own in zip(out, self.torques):
-            if self.joint is None:
-                x += own @ values
-            else:
-                x[:, self.joint] += own @ values
-        for x, own in zip(out, self.offset):
-            x += own
-        return out
-
 
 def build_base_rows(
     problem: Problem, torque: Sequence[Array], added: Sequence[Columns]
@@ -329,44 +301,44 @@ def build_base_rows(
     """Return the rows of a model's columns at each joint, n of (N, p): rigid, friction and shift, causes."""
     rows = problem.rows
     count = len(rows.inner)
-    n = rows.rig.n
-    out = list[Array]()
+    base = list[Array]()
     for j in problem.joints:
-        own = np.zeros((count, OWN_COLUMNS * n))
-        first = OWN_COLUMNS * j
-        own[:, first : first + SHIFT] = problem.friction[j]
         slopes = [np.gradient(x[:, j], part.dt) for x, part in zip(torque, rows.stretches)]
-        own[:, first + SHIFT] = rows.project(slopes, j)[:, 0]
-        groups = [x.rows.get(j, np.zeros((count, x.width))) for x in added]
-        out.append(np.hstack([problem.rigid[j], own, *groups]))
-    return out
+        friction = np.zeros((count, rows.rig.n, OWN_COLUMNS))
+        friction[:, j] = np.hstack([problem.friction[j], rows.project(slopes, j)])
+        causes = [x.rows.get(j, np.zeros((count, x.width))) for x in added]
+        base.append(np.hstack([problem.rigid[j], friction.reshape(count, -1), *causes]))
+    return base
 
 
 def build_precision(problem: Problem, added: Sequence[Columns]) -> Array:
     """Return the prior precision of a model's coefficients, (p,); friction is free."""
-    own = np.zeros(problem.own_count)
-    precision = np.concatenate([own, *(np.full(x.width, x.precision) for x in added)])
-    precision[: problem.base_count] = problem.precision
-    for j in problem.joints:
-        place = problem.get_own_columns(j).start + SHIFT
-        precision[place] = 1.0 / problem.settings.shift_prior_seconds**2
-    return precision
+    friction = [0.0, 0.0, 1.0 / problem.settings.shift_prior_seconds**2]
+    causes = [np.full(x.width, x.precision) for x in added]
+    return np.concatenate([problem.precision, friction * problem.rig.n, *causes])
 
 
 def compute_torque(problem: Problem, theta: Array, added: Sequence[Columns]) -> list[Array]:
     """Return a model's own torque along each stretch, without its time shifts, N m, (m, n)."""
+    friction = theta[problem.base_count : problem.own_count].reshape(-1, OWN_COLUMNS)
+    values = split_coefficients(problem, theta, added)
     out = list[Array]()
-    for Y, known, part in zip(problem.regressor, problem.known, problem.rows.stretches):
-        torque = known + Y @ theta[: problem.base_count]
-        for j in problem.joints:
-            dry, viscous, _ = theta[problem.get_own_columns(j)]
-            torque[:, j] += dry * part.direction[:, j] + viscous * part.samples.v[:, j]
+    for s, part in enumerate(problem.rows.stretches):
+        torque = problem.known[s] + problem.regressor[s] @ theta[: problem.base_count]
+        torque += friction[:, 0] * part.direction + friction[:, 1] * part.samples.v
+        for columns, sizes in zip(added, values):
+            at = slice(None) if columns.joint is None else columns.joint
+            torque[:, at] += columns.torques[s] @ sizes
+            if columns.offset:
+                torque += columns.offset[s]
         out.append(torque)
-    first = problem.own_count
-    for columns in added:
-        out = columns.add_to(out, theta[first : first + columns.width])
-        first += columns.width
     return out
+
+
+def split_coefficients(problem: Problem, theta: Array, added: Sequence[Columns]) -> list[Array]:
+    """Return the coefficients of each of a model's causes."""
+    ends = np.cumsum([problem.own_count, *(x.width for x in added)])
+    return [theta[first:last] for first, last in pairwise(ends)]
 
 
 def build_target(problem: Problem, added: Sequence[Columns]) -> Array:
@@ -378,33 +350,9 @@ def build_target(problem: Problem, added: Sequence[Columns]) -> Array:
     return target
 
 
-def fit_rows(
-    problem: Problem,
-    whitening: Whitening,
-    base: Sequence[Array],
-    target: Array,
-    precision: Array,
-    weight: Array | None = None,
-) -> BlockFit:
-    """Fit a model's rows.
-
-    Args:
-        problem: The rows' problem.
-        whitening: Their whitening.
-        base: Rows of the model's columns at each joint, n of (N, p).
-        target: Rows of the torque, (N, n).
-        precision: Prior precision of the coefficients, (p,).
-        weight: Start of the joints' weights; None: 1.
-    """
-    rows = problem.rows
-    white = [whitening.apply(rows, B, j) for j, B in enumerate(base)]
-    whitened = np.hstack([whitening.apply(rows, target[:, [j]], j) for j in problem.joints])
-    return fit_blocks(white, whitened, rows.folds, rows.count_effective_rows(), precision, weight)
-
-
 def replace_torque(problem: Problem, joint: int, torque: Sequence[Array]) -> Problem:
     """Return the problem with another torque that acts at a joint, N m, (m,) per stretch."""
-    left = [x - known[:, joint] for x, known in zip(torque, problem.known)]
+    unknown = [x - known[:, joint] for x, known in zip(torque, problem.known)]
     target = problem.target.copy()
-    target[:, joint] = problem.rows.project(left, joint)[:, 0]
+    target[:, [joint]] = problem.rows.project(unknown, joint)
     return replace(problem, target=target)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gimbal_pin.diagnosis.candidates import DRIVES, RESONANCE_SHARE, Candidate, count_columns
+from gimbal_pin.diagnosis.candidates import DRIVES, RESONANCE_SHARE, Candidate
 from gimbal_pin.diagnosis.explanation import Explanation, search_rows
 from gimbal_pin.diagnosis.interpret import build_physical
 from gimbal_pin.diagnosis.planning import (
@@ -273,8 +273,7 @@ def _plant(explanation: Explanation, candidate: Candidate) -> _Planted:
         direction = -direction  # an offset and a turn have the other sign than what they move
     rows = {j: x @ direction for j, x in columns.rows.items()}
     fit = solution.fit.refit(whiten_torque(search, rows))
-    covariance = np.zeros((columns.width, columns.width))
-    hit = Hit(candidate, 0.0, np.zeros(2), direction, covariance)
+    hit = Hit(candidate, np.zeros(2), direction)
     beside = search.measure_torque(solution, hit) / problem.torque_rms
     none = np.zeros(len(problem.rows.inner))
     whole = np.stack([rows.get(j, none) for j in problem.joints], axis=1)
@@ -305,8 +304,8 @@ def _measure_rivals(search: Search, groups: Sequence[Group], one: _Planted) -> d
         for k in np.argsort(left).tolist():
             rival = candidates[k]
             place = CauseAt(rival.name, rival.place if rival.place != "rig" else None)
-            values = one.seen * gains.coefficients[k, : count_columns(rival)]
-            is_told = gains.remaining[k] < LEAST_LEFT or rival.is_same(own) or place in needed
+            values = one.seen * gains.coefficients[k]
+            is_told = gains.remaining[k] < LEAST_LEFT or rival.kind == own.kind or place in needed
             if is_told or not rival.is_admissible(values, np.zeros(0)):
                 continue
             odds = rival.log_prior - own.log_prior - log(settings.rival_probability)

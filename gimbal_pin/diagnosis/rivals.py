@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from gimbal_pin.diagnosis.candidates import Candidate
 from gimbal_pin.diagnosis.library import Shelf
-from gimbal_pin.diagnosis.score import pack_columns
 from gimbal_pin.diagnosis.search import (
     Hit,
     Search,
@@ -57,11 +56,6 @@ class Contest:
         """Joint's name, or "rig"."""
         return self.own[0].place
 
-    @property
-    def log_prior(self) -> float:
-        """Log prior of its strongest part."""
-        return self.own[0].log_prior
-
 
 def list_contests(search: Search, solution: Solution, shelves: Sequence[Shelf]) -> list[Contest]:
     """Return every finding of a model with its rivals.
@@ -71,47 +65,36 @@ def list_contests(search: Search, solution: Solution, shelves: Sequence[Shelf]) 
         solution: The model.
         shelves: All candidates' columns beside it.
     """
+    return [_hold_contest(search, solution, shelves, causes) for causes in _group_causes(solution)]
+
+
+def _group_causes(solution: Solution) -> list[tuple[Candidate, ...]]:
+    """Return the accepted causes that make up each finding."""
     groups = dict[tuple[str, str], list[Candidate]]()
     for candidate in solution.accepted:
-        groups.setdefault((candidate.name, candidate.place), []).append(candidate)
-    return [_hold_contest(search, solution, shelves, own) for own in groups.values()]
+        groups.setdefault(candidate.kind, []).append(candidate)
+    return [tuple(group) for group in groups.values()]
 
 
 def _hold_contest(
-    search: Search, solution: Solution, shelves: Sequence[Shelf], own: Sequence[Candidate]
+    search: Search, solution: Solution, shelves: Sequence[Shelf], causes: tuple[Candidate, ...]
 ) -> Contest:
     """Return a finding with its rivals."""
-    without = search.fit_without(solution, own)
-    joint = own[0].joint
-    at = joint
-    if at is None:
-        lowered = (without.errors**2 - solution.errors**2) / search.problem.torque_rms**2
-        at = int(np.argmax(lowered))
-    gain = _measure_group(search, solution, without, own)
+    first = causes[0]
+    without = search.fit_without(solution, causes)
+    gain = search.measure_causes(solution, without, causes)
+    joint = first.joint
     near = [shelf for shelf in shelves if joint is None or shelf.joint == joint]
-    hits = [hit for hit in search.screen(without, near) if hit.candidate.name != own[0].name]
-    rivals = list[Hit]()
+    if joint is None:
+        lowered = (without.errors**2 - solution.errors**2) / search.problem.torque_rms**2
+        joint = int(np.argmax(lowered))
+    hits = [hit for hit in search.screen(without, near) if hit.candidate.name != first.name]
+    rivals = dict[str, Hit]()
     for hit in search.refine(without, hits, MOST_RIVALS):
-        if not any(hit.candidate.name == other.candidate.name for other in rivals):
-            rivals.append(hit)
-    probabilities = weigh(gain, own[0].log_prior, rivals)
-    return Contest(tuple(own), at, without, gain, tuple(rivals), probabilities)
-
-
-def _measure_group(
-    search: Search, solution: Solution, without: Solution, own: Sequence[Candidate]
-) -> Array:
-    """Return the gain of some accepted causes together beside a model without them, by fold."""
-    every = [x for one, x in zip(solution.accepted, solution.columns) if one in own]
-    count = len(search.problem.rows.inner)
-    joined = {
-        j: np.hstack([x.rows.get(j, np.zeros((count, x.width))) for x in every])
-        for j in {j for x in every for j in x.rows}
-    }
-    white = {j: search.whitening.apply(search.problem.rows, x, j) for j, x in joined.items()}
-    width = sum(x.width for x in every)
-    pack = pack_columns(white, [width], without.fit.target, without.fit.folds)
-    return without.fit.measure(pack).by_fold[0]
+        rivals.setdefault(hit.candidate.name, hit)
+    hits = list(rivals.values())
+    probabilities = weigh(gain, first.log_prior, hits)
+    return Contest(causes, joint, without, gain, tuple(hits), probabilities)
 
 
 def weigh(gain: Array, log_prior: float, rivals: Sequence[Hit]) -> tuple[float, ...]:
@@ -149,8 +132,8 @@ def is_close(search: Search, nats: float, std: float, probability: float) -> boo
         probability: Probability of the rival.
     """
     settings = search.problem.settings
-    is_told = nats > max(settings.kept_nats, search.count_deviations(1) * std)
-    return probability > settings.rival_probability or not is_told
+    is_clear = nats > max(settings.kept_nats, search.count_deviations(1) * std)
+    return probability > settings.rival_probability or not is_clear
 
 
 def exchange_for_better(
@@ -158,10 +141,11 @@ def exchange_for_better(
 ) -> tuple[Solution, tuple[Shelf, ...]]:
     """Exchange findings for rivals, or two for one, while the whole model then predicts better."""
     for _ in range(MOST_EXCHANGES):
-        contests = list_contests(search, solution, shelves)
-        better = _exchange_one(search, solution, contests)
-        if better is None:
-            better = _exchange_two(search, solution, contests, shelves)
+        tried = (
+            _exchange(search, solution, left_out, hit)
+            for left_out, hit in _list_exchanges(search, solution, shelves)
+        )
+        better = next((x for x in tried if x is not None), None)
         if better is None:
             break
         solution = better
@@ -169,48 +153,34 @@ def exchange_for_better(
     return solution, tuple(shelves)
 
 
-def _exchange_one(
-    search: Search, solution: Solution, contests: Sequence[Contest]
-) -> Solution | None:
-    """Return a better model with a rival in place of one finding."""
-    for contest in contests:
-        own_score = float(contest.gain.sum()) + contest.log_prior
+def _list_exchanges(
+    search: Search, solution: Solution, shelves: Sequence[Shelf]
+) -> Iterator[tuple[tuple[Candidate, ...], Hit]]:
+    """Return findings with a rival of higher score, then two findings at a joint with one cause for both."""
+    for causes in _group_causes(solution):
+        contest = _hold_contest(search, solution, shelves, causes)
         for hit in contest.rivals:
-            if hit.score <= own_score:
-                continue
-            better = _try_exchange(search, solution, contest.own, hit)
-            if better is not None:
-                return better
-    return None
+            if hit.score > contest.gain.sum() + causes[0].log_prior:
+                yield causes, hit
+    for first, second in combinations(_group_causes(solution), 2):
+        joint = first[0].joint
+        if joint is not None and joint == second[0].joint:
+            both = (*first, *second)
+            without = search.fit_without(solution, both)
+            near = [shelf for shelf in shelves if shelf.joint == joint]
+            for hit in search.refine(without, search.screen(without, near, with_rig=False)):
+                yield both, hit
 
 
-def _exchange_two(
-    search: Search, solution: Solution, contests: Sequence[Contest], shelves: Sequence[Shelf]
-) -> Solution | None:
-    """Return a better model with one cause in place of two findings at a joint."""
-    for first, second in combinations(contests, 2):
-        joint = first.own[0].joint
-        if joint is None or second.own[0].joint != joint:
-            continue
-        both = (*first.own, *second.own)
-        without = search.fit_without(solution, both)
-        near = [shelf for shelf in shelves if shelf.joint == joint]
-        for hit in search.refine(without, search.screen(without, near, with_rig=False)):
-            better = _try_exchange(search, solution, both, hit)
-            if better is not None:
-                return better
-    return None
-
-
-def _try_exchange(
+def _exchange(
     search: Search, solution: Solution, left_out: Sequence[Candidate], hit: Hit
 ) -> Solution | None:
     """Return the model with one cause in place of others, where it predicts better by more than their priors."""
-    kept = [one for one in solution.accepted if one not in left_out]
     if not search.is_clear(hit, search.problem.settings.kept_nats):
         return None
-    if any(hit.candidate.is_same(one) for one in kept):
+    kept = [cause for cause in solution.accepted if cause not in left_out]
+    if any(hit.candidate.kind == cause.kind for cause in kept):
         return None
-    prior = hit.candidate.log_prior - sum(one.log_prior for one in left_out)
+    prior = hit.candidate.log_prior - sum(cause.log_prior for cause in left_out)
     tried = search.solve([*kept, hit.candidate], solution)
     return tried if compute_solution_gain(solution, tried) + prior > 0 else None

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from gimbal_pin.diagnosis.candidates import REFINEMENTS, Candidate, vary_shape
+from gimbal_pin.diagnosis.candidates import REFINEMENTS, Candidate, list_candidates, vary_shape
 from gimbal_pin.diagnosis.library import (
     Shelf,
     build_joint_columns,
     build_shelves,
-    pack_candidates,
     renew_shelves,
 )
 from gimbal_pin.diagnosis.problem import (
-    TORQUE_PASSES,
     Columns,
     Problem,
     Whitening,
@@ -27,7 +25,7 @@ from gimbal_pin.diagnosis.problem import (
     build_precision,
     build_target,
     compute_torque,
-    fit_rows,
+    split_coefficients,
 )
 from gimbal_pin.diagnosis.rig_causes import RigChange
 from gimbal_pin.diagnosis.score import (
@@ -35,18 +33,23 @@ from gimbal_pin.diagnosis.score import (
     Gains,
     Pack,
     compare_fits,
+    compute_standard_error,
+    fit_blocks,
     pack_columns,
 )
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Flags
 
+TORQUE_PASSES = 2
+"""Fits until the columns that read the model's torque are built from the torque that they are part of."""
 REFINED = 4
 """Number of the best causes whose shapes are refined."""
 HALVINGS = 3
 """Steps of a refinement, each the root of the one before."""
 LEAST_LEFT = 3e-3
 """Share of a candidate's power beside the model from which it is told from the model."""
-MOST_STRIKES = 2
-"""Times that shapes of a cause may pass the screen and then predict no torque before all its shapes are left out."""
+MOST_FAILURES = 2
+"""Shapes of a cause that may pass the screen and then be rejected before all its shapes are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +76,20 @@ class Solution:
 
     def get_places(self, candidate: Candidate, problem: Problem) -> slice:
         """Return where a cause's coefficients stand in θ."""
-        first = problem.own_count
-        for own, columns in zip(self.accepted, self.columns):
-            if own == candidate:
-                return slice(first, first + columns.width)
-            first += columns.width
-        raise ValueError(f"{candidate.name} was not accepted")
+        ends = np.cumsum([problem.own_count, *(x.width for x in self.columns)]).tolist()
+        k = self.accepted.index(candidate)
+        return slice(ends[k], ends[k + 1])
+
+    def find_places(self, causes: Sequence[Candidate], problem: Problem) -> Flags:
+        """Return which coefficients are those of some causes, (p,)."""
+        places = np.zeros(len(self.fit.norms), bool)
+        for cause in causes:
+            places[self.get_places(cause, problem)] = True
+        return places
+
+    def has_kind(self, candidate: Candidate) -> bool:
+        """Return whether it has the cause at the same place, with any shape."""
+        return any(candidate.kind == other.kind for other in self.accepted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,35 +98,30 @@ class Hit:
 
     Attributes:
         candidate: The candidate.
-        gain: Held-out gain D, nats.
-        by_fold: D of each fold, (K,).
+        by_fold: Its held-out gain by fold, nats, (K,).
         coefficients: Its coefficients, (k,).
-        covariance: Their covariance, (k, k).
     """
 
     candidate: Candidate
-    gain: float
     by_fold: Array
     coefficients: Array
-    covariance: Array
+
+    @property
+    def gain(self) -> float:
+        """Held-out gain D, nats."""
+        return float(self.by_fold.sum())
 
     @property
     def score(self) -> float:
         """Gain and log prior, nats."""
         return self.gain + self.candidate.log_prior
 
-    @property
-    def standard_error(self) -> float:
-        """Standard error of the gain, nats."""
-        return float(np.sqrt(len(self.by_fold)) * self.by_fold.std(ddof=1))
 
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Rejection:
-    """A cause that the screen found and that was not kept, with the torque that it explains, N m rms."""
+    """A cause that the screen found and that was not kept, with the share of the torque that it explains, rms."""
 
     candidate: Candidate
-    torque: float
     share: float
 
 
@@ -146,13 +152,10 @@ class Search:
 
     def is_clear(self, hit: Hit, nats: float) -> bool:
         """Return whether a gain is above its prior's cost and its own error."""
-        if not np.isfinite(hit.gain):
+        gain = hit.gain
+        if not np.isfinite(gain) or gain + hit.candidate.log_prior < nats:
             return False
-        return hit.score >= nats and hit.gain >= self.least_deviations * hit.standard_error
-
-    def find_change(self, candidate: Candidate) -> RigChange:
-        """Return the change of the rig that a candidate stands for."""
-        return next(change for change in self.changes if change.candidate == candidate)
+        return gain >= self.least_deviations * float(compute_standard_error(hit.by_fold))
 
     def build_columns(
         self,
@@ -169,9 +172,10 @@ class Search:
             theta: The model's coefficients.
             size: Coefficients of the candidate at which it is made linear; None: 0.
         """
-        if candidate.joint is None:
-            return self.find_change(candidate).build_columns(self.problem, theta, size)
-        return build_joint_columns(self.problem, candidate, torque)
+        if candidate.joint is not None:
+            return build_joint_columns(self.problem, candidate, torque)
+        change = next(change for change in self.changes if change.candidate == candidate)
+        return change.build_columns(self.problem, theta, size)
 
     def solve(self, accepted: Sequence[Candidate], start: Solution | None = None) -> Solution:
         """Fit a model with causes; columns that read the model's torque are built from it.
@@ -181,81 +185,104 @@ class Search:
             start: Model whose torque and coefficients are the first guess; None: the URDF.
         """
         problem = self.problem
-        torque: Sequence[Array] = problem.known if start is None else start.torque
-        theta = np.zeros(problem.own_count) if start is None else start.fit.theta
-        weight = None if start is None else start.fit.weight
-        sizes = dict[Candidate, Array]()
-        if start is not None:
-            split = split_coefficients(problem, start.fit.theta, start.columns)
-            sizes = dict(zip(start.accepted, split))
+        if start is None:
+            base = build_base_rows(problem, problem.known, ())
+            start = self._fit(base, (), (), build_precision(problem, ()))
         for _ in range(TORQUE_PASSES):
-            columns = tuple(
-                self.build_columns(one, torque, theta, sizes.get(one)) for one in accepted
-            )
-            base = build_base_rows(problem, torque, columns)
-            target = build_target(problem, columns)
+            theta = start.fit.theta
+            values = split_coefficients(problem, theta, start.columns)
+            sizes = dict(zip(start.accepted, values))
+            columns = [
+                self.build_columns(cause, start.torque, theta, sizes.get(cause))
+                for cause in accepted
+            ]
+            base = build_base_rows(problem, start.torque, columns)
             precision = build_precision(problem, columns)
-            fit = fit_rows(problem, self.whitening, base, target, precision, weight)
-            theta = fit.theta
-            weight = fit.weight
-            torque = compute_torque(problem, theta, columns)
-            sizes = dict(zip(accepted, split_coefficients(problem, theta, columns)))
-        left = _predict_held_out(problem, fit, base, target)
-        errors = problem.compute_rms(left[problem.rows.inner])
-        return Solution(tuple(accepted), columns, tuple(torque), fit, left, tuple(base), errors)
+            start = self._fit(base, accepted, columns, precision, start.fit.weight)
+        return start
 
-    def fit_without(self, solution: Solution, left_out: Sequence[Candidate]) -> Solution:
-        """Return a model without some of its causes, the others' columns as they are."""
+    def fit_without(
+        self, solution: Solution, left_out: Sequence[Candidate], places: Sequence[int] = ()
+    ) -> Solution:
+        """Return a model without some of its causes or coefficients; the other columns stay as they are."""
+        kept = ~solution.find_places(left_out, self.problem)
+        kept[list(places)] = False
         pairs = [x for x in zip(solution.accepted, solution.columns) if x[0] not in left_out]
-        accepted = tuple(one for one, _ in pairs)
-        columns = tuple(x for _, x in pairs)
-        problem = self.problem
-        kept = np.ones(solution.base[0].shape[1], bool)
-        for one in left_out:
-            kept[solution.get_places(one, problem)] = False
-        base = [B[:, kept] for B in solution.base]
-        target = build_target(problem, columns)
-        precision = build_precision(problem, columns)
-        fit = fit_rows(problem, self.whitening, base, target, precision, solution.fit.weight)
-        left = _predict_held_out(problem, fit, base, target)
-        errors = problem.compute_rms(left[problem.rows.inner])
-        return Solution(accepted, columns, solution.torque, fit, left, tuple(base), errors)
-
-    def fit_without_column(self, solution: Solution, place: int) -> Solution:
-        """Return a model without one of its columns."""
-        base = [np.delete(B, place, axis=1) for B in solution.base]
-        problem = self.problem
-        precision = np.delete(build_precision(problem, solution.columns), place)
-        target = build_target(problem, solution.columns)
-        fit = fit_rows(problem, self.whitening, base, target, precision, solution.fit.weight)
-        left = _predict_held_out(problem, fit, base, target)
-        errors = problem.compute_rms(left[problem.rows.inner])
-        return replace(solution, fit=fit, left=left, base=tuple(base), errors=errors)
-
-    def pack(self, columns: Columns) -> Pack:
-        """Return one group of columns as a pack."""
-        return self.pack_rows(columns.rows, columns.width)
-
-    def pack_rows(self, rows: Mapping[int, Array], width: int) -> Pack:
-        """Return one group of rows, joint → (N, width), as a pack."""
-        white = {j: self.whitening.apply(self.problem.rows, x, j) for j, x in rows.items()}
-        return pack_columns(white, [width], self._target, self.problem.rows.folds)
-
-    @property
-    def _target(self) -> Array:
-        problem = self.problem
-        return np.hstack(
-            [self.whitening.apply(problem.rows, problem.target[:, [j]], j) for j in problem.joints]
+        return self._fit(
+            [B[:, kept] for B in solution.base],
+            [cause for cause, _ in pairs],
+            [columns for _, columns in pairs],
+            build_precision(self.problem, solution.columns)[kept],
+            solution.fit.weight,
+            solution.torque,
         )
+
+    def _fit(
+        self,
+        base: Sequence[Array],
+        accepted: Sequence[Candidate],
+        columns: Sequence[Columns],
+        precision: Array,
+        weight: Array | None = None,
+        torque: Sequence[Array] | None = None,
+    ) -> Solution:
+        """Fit rows of columns at each joint, n of (N, p); without a torque its own is that of the fit."""
+        problem = self.problem
+        rows = problem.rows
+        target = build_target(problem, columns)
+        white = [self.whitening.apply(rows, B, j) for j, B in enumerate(base)]
+        fit = fit_blocks(
+            white,
+            self.whitening.apply_each(rows, target),
+            rows.folds,
+            rows.count_effective_rows(),
+            precision,
+            weight,
+        )
+        # Outer rows are predicted by the fit to all folds, which stands last.
+        fold = np.full(len(target), -1)
+        fold[rows.inner] = rows.fold_of_rows
+        thetas = fit.thetas[fold]
+        residual = target - np.stack([np.sum(B * thetas, axis=1) for B in base], axis=1)
+        errors = problem.compute_rms(residual[rows.inner])
+        if torque is None:
+            torque = compute_torque(problem, fit.theta, columns)
+        return Solution(
+            tuple(accepted), tuple(columns), tuple(torque), fit, residual, tuple(base), errors
+        )
+
+    def pack_rows(self, rows: Mapping[int, Array]) -> Pack:
+        """Return one group of rows, joint → (N, k), as a pack."""
+        problem = self.problem
+        white = {j: self.whitening.apply(problem.rows, x, j) for j, x in rows.items()}
+        return pack_columns(white, problem.rows.folds)
+
+    def measure_causes(
+        self, solution: Solution, without: Solution, causes: Sequence[Candidate]
+    ) -> Array:
+        """Return the gain of some causes of a model together beside it without them, by fold, (K,)."""
+        places = solution.find_places(causes, self.problem)
+        rows = {j: B[:, places] for j, B in enumerate(solution.base) if B[:, places].any()}
+        return np.asarray(without.fit.measure(self.pack_rows(rows)).by_fold[0])
 
     def build_shelves(self, solution: Solution) -> list[Shelf]:
         """Return all candidates' columns at every joint."""
-        return build_shelves(self.problem, self.whitening, solution.fit.target, solution.torque)
+        problem = self.problem
+        return [
+            shelf
+            for j in problem.joints
+            for shelf in build_shelves(
+                problem,
+                self.whitening,
+                list_candidates(problem.rig, j, problem.ranges[j]),
+                j,
+                solution.torque,
+            )
+        ]
 
     def renew_shelves(self, shelves: Sequence[Shelf], solution: Solution) -> list[Shelf]:
         """Return shelves that are built from a model's torque."""
-        target = solution.fit.target
-        return renew_shelves(self.problem, self.whitening, target, shelves, solution.torque)
+        return renew_shelves(self.problem, self.whitening, shelves, solution.torque)
 
     def screen(
         self, solution: Solution, shelves: Iterable[Shelf], with_rig: bool = True
@@ -263,48 +290,55 @@ class Search:
         """Return what every candidate gains beside a model, the highest score first."""
         hits = list[Hit]()
         for shelf in shelves:
-            own = self.problem.get_own_columns(shelf.joint)
-            beside = [own.start, own.start + 1]
-            gains = solution.fit.measure(shelf.pack, beside=beside)
-            for place, candidate in enumerate(shelf.candidates):
-                if not _is_present(solution, candidate):
-                    hits += _read_hit(gains, place, candidate)
+            gains = solution.fit.measure(shelf.pack)
+            hits += self._read_hits(solution, gains, shelf.candidates)
         for change in self.changes if with_rig else ():
-            if _is_present(solution, change.candidate):
-                continue
             columns = change.build_columns(self.problem, solution.fit.theta)
-            hits += _read_hit(solution.fit.measure(self.pack(columns)), 0, change.candidate)
+            gains = solution.fit.measure(self.pack_rows(columns.rows))
+            hits += self._read_hits(solution, gains, [change.candidate])
         return sorted(hits, key=lambda hit: -hit.score)
 
     def measure(self, solution: Solution, candidate: Candidate) -> Hit | None:
         """Return what one candidate gains beside a model; None: it is not admissible."""
-        if candidate.joint is None:
-            columns = self.build_columns(candidate, solution.torque, solution.fit.theta)
-            gains = solution.fit.measure(self.pack(columns))
-        else:
-            j = candidate.joint
-            own = self.problem.get_own_columns(j)
-            pack = pack_candidates(
-                self.problem, self.whitening, solution.fit.target, [candidate], j, solution.torque
+        columns = self.build_columns(candidate, solution.torque, solution.fit.theta)
+        gains = solution.fit.measure(self.pack_rows(columns.rows))
+        return next(iter(self._read_hits(solution, gains, [candidate])), None)
+
+    def _read_hits(
+        self, solution: Solution, gains: Gains, candidates: Sequence[Candidate]
+    ) -> list[Hit]:
+        """Return the gains of candidates that are not in a model, differ from it and are admissible."""
+        hits = list[Hit]()
+        for place, candidate in enumerate(candidates):
+            # A change of bodies is a part of the rigid columns, told from them by their prior alone.
+            differs = gains.remaining[place] >= LEAST_LEFT or candidate.cause.of_given_model
+            # A harmonic may come again with other periods.
+            is_new = candidate not in solution.accepted and (
+                candidate.is_harmonic or not solution.has_kind(candidate)
             )
-            gains = solution.fit.measure(pack, beside=[own.start, own.start + 1])
-        return next(iter(_read_hit(gains, 0, candidate)), None)
+            friction: Array = np.zeros(0)
+            if candidate.joint is not None:
+                friction = gains.beside[place, self.problem.get_own_columns(candidate.joint)][:2]
+            coefficients = gains.coefficients[place]
+            if differs and is_new and candidate.is_admissible(coefficients, friction):
+                hits.append(Hit(candidate, gains.by_fold[place], coefficients))
+        return hits
 
     def refine(self, solution: Solution, hits: Sequence[Hit], count: int = REFINED) -> list[Hit]:
         """Return the best hit of each cause at each place, their shapes refined by bisection on the gain."""
-        best = list[Hit]()
+        best = dict[tuple[str, ...], Hit]()
         for hit in hits:
-            if not any(hit.candidate.is_same_form(other.candidate) for other in best):
-                best.append(self._simplify(hit, hits))
-        refined = [self.bisect(solution, hit) for hit in best[:count]]
+            best.setdefault(hit.candidate.form, hit)
+        simple = [self._simplify(hit, hits) for hit in [*best.values()][:count]]
+        refined = [self.bisect(solution, hit) for hit in simple]
         return sorted(refined, key=lambda hit: -hit.score)
 
     def _simplify(self, best: Hit, hits: Sequence[Hit]) -> Hit:
         """Return the form of a cause with fewest coefficients: each further one has to gain `Settings.kept_nats`."""
-        cost = self.problem.settings.kept_nats
-        forms = [hit for hit in hits if hit.candidate.is_same_form(best.candidate)]
         if best.candidate.is_harmonic:
             return best
+        cost = self.problem.settings.kept_nats
+        forms = [hit for hit in hits if hit.candidate.form == best.candidate.form]
         return max(forms, key=lambda hit: hit.score - cost * len(hit.coefficients))
 
     def bisect(self, solution: Solution, hit: Hit) -> Hit:
@@ -312,10 +346,9 @@ class Search:
         if hit.candidate.name not in REFINEMENTS:
             return hit
         assert hit.candidate.joint is not None
-        seen = self.problem.ranges[hit.candidate.joint]
         step = REFINEMENTS[hit.candidate.name][1]
         for _ in range(HALVINGS):
-            for varied in vary_shape(hit.candidate, step, seen):
+            for varied in vary_shape(hit.candidate, step, self.problem.ranges[hit.candidate.joint]):
                 tried = self.measure(solution, varied)
                 if tried is not None and tried.score > hit.score:
                     hit = tried
@@ -329,18 +362,13 @@ class Search:
         """
         problem = self.problem
         columns = self.build_columns(hit.candidate, solution.torque, solution.fit.theta)
-        rows = {j: x @ hit.coefficients for j, x in columns.rows.items()}
-        if hit.candidate.cause.of_given_model:
-            count = len(problem.rows.inner)
-            whole = [rows.get(j, np.zeros(count)) for j in problem.joints]
-            return problem.compute_rms(np.stack(whole, axis=1)[problem.rows.inner])
-        white = {
-            j: self.whitening.apply(problem.rows, x[:, None], j)[:, 0] for j, x in rows.items()
-        }
-        imitated = solution.fit.project_off(white)
-        added = np.stack(
-            [rows.get(j, 0.0) - B @ imitated for j, B in enumerate(solution.base)], axis=1
-        )
+        added = np.zeros_like(problem.target)
+        for j, x in columns.rows.items():
+            added[:, j] = x @ hit.coefficients
+        if not hit.candidate.cause.of_given_model:
+            white = self.whitening.apply_each(problem.rows, added)
+            imitated = solution.fit.refit(white).theta
+            added -= np.stack([B @ imitated for B in solution.base], axis=1)
         return problem.compute_rms(added[problem.rows.inner])
 
 
@@ -353,50 +381,6 @@ def sum_squares_by_fold(problem: Problem, solution: Solution) -> Array:
     """Return the squared unwhitened held-out errors of each fold, (K, n)."""
     left = solution.left[problem.rows.inner]
     return np.add.reduceat(left**2, problem.rows.starts, axis=0)
-
-
-def split_coefficients(problem: Problem, theta: Array, columns: Sequence[Columns]) -> list[Array]:
-    """Return the coefficients of each of a model's causes."""
-    ends = np.cumsum([problem.own_count, *(x.width for x in columns)])
-    return [theta[first:last] for first, last in pairwise(ends)]
-
-
-def _predict_held_out(
-    problem: Problem, fit: BlockFit, base: Sequence[Array], target: Array
-) -> Array:
-    """Return the unwhitened residual of each fold's rows by the fit without it, (N, n)."""
-    rows = problem.rows
-    out = np.empty_like(target)
-    fold = np.full(len(rows.inner), -1)
-    fold[rows.inner] = rows.fold_of_rows
-    thetas = fit.fold_thetas
-    for j, B in enumerate(base):
-        out[:, j] = target[:, j] - B @ fit.theta
-        for k, theta in enumerate(thetas):
-            own = fold == k
-            out[own, j] = target[own, j] - B[own] @ theta
-    return out
-
-
-def _is_present(solution: Solution, candidate: Candidate) -> bool:
-    """Return whether a cause is in a model already; a harmonic may come again with other periods."""
-    if candidate.is_harmonic:
-        return candidate in solution.accepted
-    return any(candidate.is_same(other) for other in solution.accepted)
-
-
-def _read_hit(gains: Gains, place: int, candidate: Candidate) -> list[Hit]:
-    """Return one group's gain as a hit; none if it is not told from the model or not admissible."""
-    # A change of bodies is a part of the rigid columns, told from them by their prior alone.
-    if gains.remaining[place] < LEAST_LEFT and not candidate.cause.of_given_model:
-        return []
-    width = int(np.count_nonzero(np.diag(gains.covariance[place])))
-    coefficients = gains.coefficients[place, :width]
-    if not candidate.is_admissible(coefficients, gains.beside[place]):
-        return []
-    covariance = gains.covariance[place, :width, :width]
-    gain = float(gains.total[place])
-    return [Hit(candidate, gain, gains.by_fold[place], coefficients, covariance)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -416,46 +400,48 @@ class Found:
     shelves: tuple[Shelf, ...]
 
 
-def find_causes(search: Search) -> Found:
-    """Accept causes one by one, ordinary ones first, until none is clear; then leave out what became needless."""
+def find_causes(search: Search, shelves: Sequence[Shelf] = ()) -> Found:
+    """Accept causes one by one, ordinary ones first, until none is clear; then leave out what became needless.
+
+    Args:
+        search: The search.
+        shelves: Candidates beside another torque of the same rows; none: they are built.
+    """
     problem = search.problem
     settings = problem.settings
     first = search.solve(())
-    first = search.solve((), first)
     solution = first
-    shelves = search.build_shelves(solution)
+    shelves = search.renew_shelves(shelves, first) or search.build_shelves(first)
     rejected = list[Rejection]()
-    strikes = dict[tuple[str, str], int]()
-    is_ordinary = True
-    most = settings.most_causes + 2 * problem.rig.n
-    while len(solution.accepted) < most:
-        hits = [
+    while len(solution.accepted) < settings.most_causes + 2 * problem.rig.n:
+        past = [rejection.candidate for rejection in rejected]
+        failures = Counter(candidate.kind for candidate in past)
+        clear = [
             hit
             for hit in search.screen(solution, shelves)
-            if search.is_clear(hit, settings.gain_nats) and not _is_rejected(hit, rejected, strikes)
+            if search.is_clear(hit, settings.gain_nats)
+            and failures[hit.candidate.kind] <= MOST_FAILURES
+            and hit.candidate not in past
         ]
-        if is_ordinary:
-            hits = [hit for hit in hits if hit.candidate.is_ordinary]
-            if not hits:
-                is_ordinary = False
-                continue
+        hits = [hit for hit in clear if hit.candidate.is_ordinary] or clear
         if not hits:
             break
         best = search.refine(solution, hits)[0]
-        needed = _compute_needed_torque(problem, first, solution, best, search)
-        torque, place, least = needed
-        share = torque / float(problem.torque_rms[place])
-        if torque < least:
-            rejected.append(Rejection(best.candidate, torque, share))
-            if not any(best.candidate.is_same(other) for other in solution.accepted):
-                strikes[_key(best)] = MOST_STRIKES + 1
+        candidate = best.candidate
+        torque = search.measure_torque(solution, best)
+        joint = candidate.joint
+        if joint is None:
+            joint = int(np.argmax(torque / problem.torque_rms))
+        least = _compute_needed_torque(problem, first, solution, candidate, joint)
+        if torque[joint] < least:
+            share = float(torque[joint] / problem.torque_rms[joint])
+            rejected.append(Rejection(candidate, share))
             continue
-        extended = search.solve((*solution.accepted, best.candidate), solution)
-        lowered = solution.errors[place] ** 2 - extended.errors[place] ** 2
-        is_of_bodies = best.candidate.cause.of_given_model
+        extended = search.solve((*solution.accepted, candidate), solution)
+        lowered = float(solution.errors[joint] ** 2 - extended.errors[joint] ** 2)
+        is_of_bodies = candidate.cause.of_given_model
         if not is_of_bodies and np.sqrt(max(lowered, 0.0)) < settings.unwhitened_share * least:
-            rejected.append(Rejection(best.candidate, 0.0, 0.0))
-            strikes[_key(best)] = strikes.get(_key(best), 0) + 1
+            rejected.append(Rejection(candidate, 0.0))
             continue
         solution = extended
         shelves = search.renew_shelves(shelves, solution)
@@ -464,37 +450,18 @@ def find_causes(search: Search) -> Found:
     return Found(first, solution, tuple(rejected), tuple(shelves))
 
 
-def _key(hit: Hit) -> tuple[str, str]:
-    """Return name and place of a hit's cause."""
-    return hit.candidate.name, hit.candidate.place
-
-
-def _is_rejected(
-    hit: Hit, rejected: Sequence[Rejection], strikes: dict[tuple[str, str], int]
-) -> bool:
-    """Return whether a candidate was rejected, or its cause so often that no shape of it is tried again."""
-    if strikes.get(_key(hit), 0) > MOST_STRIKES:
-        return True
-    return any(hit.candidate == one.candidate for one in rejected)
-
-
 def _compute_needed_torque(
-    problem: Problem, first: Solution, solution: Solution, hit: Hit, search: Search
-) -> tuple[float, int, float]:
-    """Return the torque of a hit, N m rms, its joint, and the torque that it needs there."""
+    problem: Problem, first: Solution, solution: Solution, candidate: Candidate, joint: int
+) -> float:
+    """Return the torque that a cause must explain at a joint, N m rms."""
     settings = problem.settings
-    torque = search.measure_torque(solution, hit)
-    candidate = hit.candidate
-    joint = candidate.joint
-    if joint is None:
-        joint = int(np.argmax(torque / problem.torque_rms))
     least = settings.material_share * float(problem.torque_rms[joint])
-    if any(candidate.is_same(other) for other in solution.accepted):
-        return float(torque[joint]), joint, settings.harmonic_share * least
-    if any(other.joint == joint for other in solution.accepted):
-        explained = max(first.errors[joint] ** 2 - solution.errors[joint] ** 2, 0.0)
-        least = float(np.hypot(least, settings.cause_form_error * np.sqrt(explained)))
-    return float(torque[joint]), joint, least
+    if solution.has_kind(candidate):
+        return settings.harmonic_share * least
+    if all(other.joint != joint for other in solution.accepted):
+        return least
+    explained = max(first.errors[joint] ** 2 - solution.errors[joint] ** 2, 0.0)
+    return float(np.hypot(least, settings.cause_form_error * np.sqrt(explained)))
 
 
 def refine_shapes(search: Search, solution: Solution) -> Solution:
@@ -506,11 +473,10 @@ def refine_shapes(search: Search, solution: Solution) -> Solution:
         hit = search.measure(without, old)
         if hit is None:
             continue
-        better = search.bisect(without, hit)
-        if better.candidate == old:
+        new = search.bisect(without, hit).candidate
+        if new == old:
             continue
-        kept = [better.candidate if one == old else one for one in solution.accepted]
-        tried = search.solve(kept, solution)
+        tried = search.solve([new if x == old else x for x in solution.accepted], solution)
         if compute_solution_gain(solution, tried) > 0:
             solution = tried
     return solution
@@ -518,19 +484,16 @@ def refine_shapes(search: Search, solution: Solution) -> Solution:
 
 def drop_needless_causes(search: Search, solution: Solution) -> Solution:
     """Leave out, the worst first, causes whose gain beside all others is not clear."""
-    nats = search.problem.settings.kept_nats
+    none = np.zeros(len(solution.fit.folds))
     while len(solution.accepted) > 1:
-        measured = list[Hit]()
-        for candidate in solution.accepted:
-            without = search.fit_without(solution, [candidate])
-            hit = search.measure(without, candidate)
-            if hit is None:
-                zero = np.zeros(len(solution.fit.folds))
-                hit = Hit(candidate, 0.0, zero, np.zeros(1), np.eye(1))
-            measured.append(hit)
+        measured = [
+            search.measure(search.fit_without(solution, [cause]), cause)
+            or Hit(cause, none, np.zeros(1))
+            for cause in solution.accepted
+        ]
         worst = min(measured, key=lambda hit: hit.score)
-        if search.is_clear(worst, nats):
-            return solution
-        kept = [one for one in solution.accepted if one != worst.candidate]
+        if search.is_clear(worst, search.problem.settings.kept_nats):
+            break
+        kept = [cause for cause in solution.accepted if cause != worst.candidate]
         solution = search.solve(kept, solution)
     return solution

@@ -18,7 +18,7 @@ from scipy.signal import butter, find_peaks, lfilter, sosfiltfilt
 
 from gimbal_pin.diagnosis.problem import Problem
 from gimbal_pin.diagnosis.rows import Indices
-from gimbal_pin.diagnosis.score import pack_columns
+from gimbal_pin.diagnosis.score import compute_standard_error, pack_columns, split_folds
 from gimbal_pin.diagnosis.search import Search, Solution
 from gimbal_pin.log.log import Array
 
@@ -262,14 +262,13 @@ def _measure_groups(
 ) -> list[list[float]]:
     """Return gain and its standard error, nats, and the remaining share of the error, rms, beside each group."""
     fit = solution.fit
-    widths = [x.shape[1] for x in groups]
-    pack = pack_columns({joint: np.hstack(groups)}, widths, fit.target, fit.folds)
-    gains = fit.measure(pack, ridge)
     before = max(float(fit.squared_errors[:, joint].sum()), 1e-300)
-    remaining = np.sqrt(gains.errors[:, :, joint].sum(axis=1) / before)
-    figures: list[list[float]] = np.stack(
-        [gains.total, gains.standard_error, remaining], axis=1
-    ).tolist()
+    figures = list[list[float]]()
+    for columns in groups:
+        gains = fit.measure(pack_columns({joint: columns}, fit.folds), ridge)
+        std = float(compute_standard_error(gains.by_fold[0]))
+        remaining = float(np.sqrt(gains.errors[0, :, joint].sum() / before))
+        figures.append([float(gains.total[0]), std, remaining])
     return figures
 
 
@@ -324,7 +323,8 @@ def _find_lines(
 ) -> tuple[dict[str, Function], dict[str, float]]:
     """Return clear lines over time, over time times load, and over load, and the cost of having searched them."""
     rows = search.problem.rows
-    error = solution.fit.errors[:, joint]
+    fit = solution.fit
+    error = fit.errors[..., joint].ravel()
     load = np.concatenate([s.load for s in states])
     span = float(np.ptp(load)) + 1e-12
     band = 0.3, 0.95 * rows.band, rows.seconds
@@ -341,7 +341,9 @@ def _find_lines(
     costs = dict[str, float]()
     for name, (variable, factor, (low, high, length)) in kinds.items():
         x, w = (
-            _resample(search.problem, [read(s) for s in states])[rows.inner]
+            split_folds(
+                _resample(search.problem, [read(s) for s in states])[rows.inner], fit.folds
+            ).ravel()
             for read in (variable, factor)
         )
         cost = float(np.log(max(length * (high - low), 1.0)))
