@@ -27,7 +27,7 @@ from gimbal_pin.identification import (
 )
 from gimbal_pin.identification.given_model import describe_friction, describe_inertia
 from gimbal_pin.log.log import Log
-from gimbal_pin.regression import Filtering
+from gimbal_pin.regression import Filtering, subsample_log
 from gimbal_pin.rig.rig import Rig
 
 
@@ -112,7 +112,7 @@ def state_payload_with_causes(
         with suppress(GimbalPinError):
             found = identify(
                 apply_changes(rig, model.changes),
-                logs,
+                [subsample_log(log).log for log in logs],
                 refittable_effects(model),
                 holdout=holdout,
                 filtering=filtering,
