@@ -16,7 +16,6 @@ from scipy.signal import welch
 from gimbal_pin.diagnosis.settings import Settings
 from gimbal_pin.effects.losses import Losses
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.log import signals
 from gimbal_pin.log.io.columns import LEAST_TRAVEL
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
@@ -76,8 +75,6 @@ class Stretch:
         logged: The torque before it was smoothed, on which a drive's law without memory acts.
         temperature: Motor temperatures, °C, (m, n); None: not logged.
         losses: What each motor turned into heat since its log began, (n).
-        angle_noise: Deviation of the angles' noise from sample to sample of the log, rad, (n,).
-        rate_noise: The same of logged rates, rad/s, (n,); None: not logged.
     """
 
     log: int
@@ -92,20 +89,6 @@ class Stretch:
     logged: UnfilteredTorque
     temperature: Array | None
     losses: tuple[Losses, ...]
-    angle_noise: Array
-    rate_noise: Array | None
-
-    def compute_acceleration_noise(self, joint: int, frequencies: Array) -> Array:
-        """Return the power of a joint's acceleration noise per row over frequencies, (rad/s²)².
-
-        The sensor's noise is white at the log's rate: ``ω⁴ σ_q²``, or ``ω² σ_v²`` of a logged rate where that is less.
-        """
-        omega2 = (2 * np.pi * frequencies) ** 2
-        power = float(self.angle_noise[joint]) ** 2 * omega2**2
-        if self.rate_noise is not None:
-            power = np.minimum(power, float(self.rate_noise[joint]) ** 2 * omega2)
-        per_row = self.count / (len(self.time) * self.logged.step)
-        return np.asarray(power * per_row)
 
     def project(self, signals: Array, joint: int) -> Array:
         """Return the rows of signals (m, k) at a joint: weighted, band-limited and decimated, (M, k)."""
@@ -351,8 +334,6 @@ def _build_stretch(
         logged=UnfilteredTorque.of(segment, filtering, grid, step),
         temperature=_resample_temperature(segment.log, samples.t),
         losses=_collect_losses(segment.log, samples.t),
-        angle_noise=signals.noise_std(segment.log.q),
-        rate_noise=None if segment.log.v is None else signals.noise_std(segment.log.v),
     )
 
 

@@ -151,7 +151,7 @@ def _compute_loss(
     logged = part.logged.tau[:, j]
     loss = logged - signal.acting(logged, part.dt / part.logged.step)
     lags = () if model.estimated is None else model.estimated.lags
-    return part.logged.smoothed(loss, lags[j] if lags else 0.0)
+    return part.logged.smoothed(loss[:, None], lags[j] if lags else 0.0)[:, 0]
 
 
 def _compute_load(model: Model, part: Stretch, joint: int) -> JointLoad:
