@@ -15,8 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from math import log, sqrt
-from typing import Any
+from math import log
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from gimbal_pin.diagnosis.uncertainty import compute_white_covariance
 from gimbal_pin.effects import (
     ActuatorLag,
     Backlash,
+    Cause,
     DeadZone,
     Delay,
     JointFlexibility,
@@ -41,14 +41,16 @@ from gimbal_pin.log.log import Array
 LOG_PRIORS = {"saturation": -1.0, "dead-zone": -1.0, "joint-flexibility": -2.0}
 """Log priors of drives, nats; 0 for the others. All shapes of a drive share its prior."""
 STEPS = {
-    "saturation": {"limit": 1.2},
-    "dead-zone": {"width": 1.25},
+    "saturation": {"limit": 1.1},
+    "dead-zone": {"width": 1.15},
     "backlash": {"gap": 2.0},
     "joint-flexibility": {"frequency": 1.15, "damping": 2.0, "rotor_share": 1.5},
     "delay": {"time": 1.4},
     "actuator-lag": {"time_constant": 1.4},
 }
 """Name of a drive → the shape parameters that are refined, and the factors of their first steps."""
+KINDS = (Saturation, DeadZone, Backlash, JointFlexibility, Delay, ActuatorLag)
+"""Drives that are tried."""
 HALVINGS = 4
 """Steps of a refinement, each the root of the one before."""
 REPLACED_SHARE = 0.5
@@ -59,25 +61,15 @@ SMALLEST_INERTIA = 1e-9
 """Inertia below which a joint has none, kg m²."""
 
 
-def list_drives(joint: str, seen: OperatingRange, inertia: float) -> list[Signal]:
-    """Return the drives that are tried at a joint; `inertia`: its own, kg m²."""
-    limits = seen.peak * np.geomspace(0.06, 0.95, 9)
-    widths = seen.torque * np.geomspace(0.03, 0.8, 8)
-    times = np.geomspace(2e-3, 0.06, 6).tolist()
-    gaps = (2.5e-4, 1e-3, 4e-3, 1.6e-2)
-    rotors = [(share * inertia, seen_share) for share in (0.05, 0.3) for seen_share in (0.0, 0.25)]
-    springs: list[Any] = list(JointFlexibility.tried(joint, seen))
-    highest = RESONANCE_BAND * seen.band
-    return [
-        *(Saturation.inside(joint, x, side) for x in limits.tolist() for side in (0, 1, -1)),
-        *(Saturation.inside(joint, share * seen.peak, 0, 2.0) for share in (0.7, 1.2, 2.0)),
-        *(DeadZone.inside(joint, x, sharp) for x in widths.tolist() for sharp in (0.0, 1.5, 4.0)),
-        *(DeadZone.inside(joint, x, whole=True) for x in widths.tolist()),
-        *(Backlash.inside(joint, gap, *rotor) for gap in gaps for rotor in rotors),
-        *(Delay.inside(joint, time) for time in times),
-        *(ActuatorLag.inside(joint, time) for time in times),
-        *(x for x in springs if x.frequency * sqrt(x.rotor_share or 1.0) < highest),
-    ]
+def list_drives(kind: type[Cause], joint: str, seen: OperatingRange) -> list[Cause]:
+    """Return the drives of one kind that are tried at a joint; of springs those that swing well inside the band."""
+    tried = list(kind.tried(joint, seen))
+    springs = {
+        x: x.held.frequency if x.geared else x.frequency
+        for x in tried
+        if isinstance(x, JointFlexibility)
+    }
+    return [x for x in tried if springs.get(x, 0.0) < RESONANCE_BAND * seen.band]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,18 +95,18 @@ class Drive:
     @property
     def signal(self) -> Signal:
         """What it makes of the command."""
-        return get_signal(self.hit)
+        assert isinstance(self.hit.candidate.cause, Signal)
+        return self.hit.candidate.cause
+
+
+def _make_hit(candidate: Candidate, gain: Array) -> Hit:
+    """Return a hit of a candidate that is no column; `gain`: by fold, nats, (K,)."""
+    return Hit(candidate, float(gain.sum()), gain, np.zeros(0), np.zeros((0, 0)))
 
 
 def _get_score(drive: Drive) -> float:
     """Return gain and log prior, nats."""
     return drive.hit.score
-
-
-def get_signal(hit: Hit) -> Signal:
-    """Return the drive that a hit measured."""
-    assert isinstance(hit.candidate.cause, Signal)
-    return hit.candidate.cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +130,9 @@ class DriveTest:
         """The logged torque along each stretch, N m, (m,)."""
         return [x.samples.tau[:, self.joint] for x in self.search.problem.rows.stretches]
 
-    def measure(self, signals: Sequence[Signal], log_prior: float) -> list[Drive]:
+    def measure(self, causes: Sequence[Cause], log_prior: float) -> list[Drive]:
         """Return what drives gain beside the model."""
+        signals = [x for x in causes if isinstance(x, Signal)]
         torques = self._compute_acting_torques(signals)
         if not torques:
             return []
@@ -148,8 +141,7 @@ class DriveTest:
             gain = self.measure_gain(self.solution.fit, fit)
             if gain.sum() > 0 and not (self._shows_inertia(fit) or self._fixes_scale(torque)):
                 gain = np.full(len(gain), -np.inf)
-            candidate = Candidate(signal, self.joint, log_prior)
-            hit = Hit(candidate, float(gain.sum()), gain, np.zeros(0), np.zeros((0, 0)))
+            hit = _make_hit(Candidate(signal, self.joint, log_prior), gain)
             drives.append(Drive(hit, torque, fit, gain))
         return drives
 
@@ -212,15 +204,12 @@ class DriveTest:
             yield part.samples.tau[:, [self.joint]] - part.logged.smoothed(lost)
 
     def _shows_inertia(self, fit: BlockFit) -> bool:
-        """Return whether the logs alone tell the joint's inertia to half of itself with 95 % confidence."""
+        """Return whether the joint's inertia is known to half of itself with 95 % confidence."""
         problem = self.search.problem
         direction = problem.inertia[self.joint]
         covariance = compute_white_covariance(fit)[: problem.base_count, : problem.base_count]
-        known = float(direction @ covariance @ direction)
-        believed = float(direction**2 @ (1.0 / problem.precision))
-        told = 1.0 / max(known, 1e-300) - 1.0 / believed
-        half = 0.5 * compute_inertia(problem, self.solution, self.joint, fit)
-        return told > (2.0 / half) ** 2
+        inertia = compute_inertia(problem, self.solution, self.joint, fit)
+        return bool(direction @ covariance @ direction < (inertia / 4) ** 2)
 
     def _fixes_scale(self, torque: Sequence[Array]) -> bool:
         """Return whether a drive leaves half of the joint's torque as it was, in time or in power."""
@@ -232,14 +221,12 @@ class DriveTest:
     def screen(self) -> list[Drive]:
         """Return the best shape of each kind of drive, the best first."""
         problem = self.search.problem
-        inertia = compute_inertia(problem, self.solution, self.joint)
-        seen = problem.ranges[self.joint]
-        signals = list_drives(problem.rig.joints[self.joint], seen, inertia)
         best = list[Drive]()
-        for name in STEPS:
-            shapes = [x for x in signals if x.name == name]
-            prior = LOG_PRIORS.get(name, 0.0) - log(max(len(shapes), 1))
-            best += sorted(self.measure(shapes, prior), key=_get_score)[-1:]
+        for kind in KINDS:
+            name = problem.rig.joints[self.joint]
+            signals = list_drives(kind, name, problem.ranges[self.joint])
+            prior = LOG_PRIORS.get(kind.name, 0.0) - log(max(len(signals), 1))
+            best += sorted(self.measure(signals, prior), key=_get_score)[-1:]
         if any(x.hit.score > 0 for x in best):
             best = [self._refine(x) for x in best]
         return sorted(best, key=_get_score, reverse=True)
@@ -247,57 +234,41 @@ class DriveTest:
     def _refine(self, best: Drive) -> Drive:
         """Return a drive with the shape near its own that gains most, or of a form that is too dear for a grid."""
         prior = best.hit.candidate.log_prior
-        for _ in range(2):
+        for halving in range(HALVINGS):
             for name, step in STEPS[best.signal.name].items():
-                for _ in range(HALVINGS):
-                    scaled = [_scale_shape(best.signal, name, x) for x in (1 / step, step)]
-                    best = max([best, *self.measure(scaled, prior)], key=_get_score)
-                    step = step**0.5
-            if best.signal.name != "joint-flexibility":
-                break
+                value = float(getattr(best.signal, name))
+                factor = step ** (0.5**halving)
+                moved = [best.signal.moved(name, x) for x in (value / factor, value * factor)]
+                best = max([best, *self.measure(moved, prior)], key=_get_score)
         if not self.search.is_clear(best.hit, self.search.problem.settings.gain_nats):
             return best
-        forms: list[Any] = list(best.signal.akin(self.search.problem.ranges[self.joint]))
+        forms = best.signal.akin(self.search.problem.ranges[self.joint])
         return max([best, *self.measure(forms, prior)], key=_get_score)
 
-    def discount_noise(self, found: Drive) -> Drive:
-        """Return a drive with its gain less what it gains on a torque that it leaves alone but for noise.
+    def discount_noise(self, found: Drive) -> Hit:
+        """Return a drive's gain less what it gains on a torque that it leaves alone but for noise.
 
         A lag, a limit or a gap takes noise out of a torque as well, which is no sign of it. The imitated torque is that
-        of the model with the drive, with its residual moved by half of each stretch. For a smooth drive it is also that
-        of the model without: the residual there is noise, or it has the structure of which a true drive leaves nothing.
-        A spring has to gain something even if all of the error is noise of the acceleration.
+        of the model with or without the drive, with its residual moved by half of each stretch: that is noise, or has
+        the structure of which a true drive leaves nothing. A spring has to gain something even if all of the error is
+        noise of the acceleration.
         """
-        signal = found.signal
-        with_drive = compute_torque(self.search.problem, found.fit.theta, self.solution.columns)
-        models = [(with_drive, found.torque)]
-        if signal.linear or (isinstance(signal, Saturation) and signal.knee > 0):
-            models.append((list(self.solution.torque), self.commands))
-        gain = found.gain
-        for torque, acting in models:
-            imitated = [
-                x[:, self.joint] + np.roll(y - x[:, self.joint], len(y) // 2)
-                for x, y in zip(torque, acting)
-            ]
-            passed = self.pass_commands(signal, imitated)
-            noise = self.measure_gain(*self.fit_torques([imitated, passed]))
-            gain = np.minimum(gain, found.gain - max(float(noise.sum()), 0.0) / len(noise))
         problem = self.search.problem
-        rows = float(self.solution.fit.rows[:, self.joint].sum())
-        filtered = min(_average_log_response(problem, signal), 0.0)
-        if gain.sum() + rows * filtered < problem.settings.gain_nats:
-            gain = np.full(len(gain), -np.inf)
-        return replace(
-            found, gain=gain, hit=replace(found.hit, gain=float(gain.sum()), by_fold=gain)
+        fit = self.solution.fit
+        with_drive = compute_torque(problem, found.fit.theta, self.solution.columns)
+        gain = found.hit.by_fold
+        for torque, acting in (with_drive, found.torque), (self.solution.torque, self.commands):
+            own = [x[:, self.joint] for x in torque]
+            imitated = [x + np.roll(y - x, len(y) // 2) for x, y in zip(own, acting)]
+            passed = self.pass_commands(found.signal, imitated)
+            noise = float(self.measure_gain(*self.fit_torques([imitated, passed])).sum())
+            gain = np.minimum(gain, found.hit.by_fold - max(noise, 0.0) / len(gain))
+        filtered = float(fit.rows[:, self.joint].sum()) * _average_log_response(
+            problem, found.signal
         )
-
-
-def _scale_shape(signal: Signal, name: str, factor: float) -> Signal:
-    """Return a drive with a shape parameter times a factor; with another rotor's share the link swings as before."""
-    shape: Any = signal
-    if name == "rotor_share":
-        return shape.moved("frequency", shape.frequency / sqrt(factor))
-    return signal.altered(**{name: factor * float(getattr(signal, name))})
+        if gain.sum() + min(filtered, 0.0) < problem.settings.gain_nats:
+            gain = np.full(len(gain), -np.inf)
+        return _make_hit(found.hit.candidate, gain)
 
 
 def compute_inertia(
@@ -323,8 +294,8 @@ def _average_log_response(problem: Problem, signal: Signal) -> float:
     if not (isinstance(signal, JointFlexibility) and signal.springy):
         return 0.0
     r = signal.rotor_share
-    ratio = np.linspace(0.0, problem.rows.band, 1000) / (signal.frequency * sqrt(r))
-    resonance = 1.0 / (1.0 - ratio**2 + 2j * signal.damping * sqrt(r) * ratio)
+    ratio = np.linspace(0.0, problem.rows.band, 1000) / signal.held.frequency
+    resonance = 1.0 / (1.0 - ratio**2 + 2j * signal.held.damping * ratio)
     return float(np.mean(np.log(np.abs(r + (1.0 - r) * resonance))))
 
 
@@ -352,25 +323,18 @@ def find_drives(search: Search, final: Solution, joint: int) -> list[Drive]:
         ]
         for drive in clear:
             sure = test.discount_noise(drive)
-            if search.is_clear(sure.hit, nats) and not _is_short(search, final, drive.hit):
+            if search.is_clear(sure, nats) and not _is_short(search, final, drive, joint):
                 others = tuple(x.hit for x in clear if x is not drive)
-                drives.append(replace(drive, gain=sure.gain, others=others))
+                drives.append(replace(drive, gain=sure.by_fold, others=others))
     return sorted(drives, key=lambda x: -(float(x.gain.sum()) + x.hit.candidate.log_prior))
 
 
-def _is_short(search: Search, solution: Solution, hit: Hit) -> bool:
+def _is_short(search: Search, solution: Solution, drive: Drive, joint: int) -> bool:
     """Return whether a delay or a lag is within what the channels of one logger are apart."""
-    signal = get_signal(hit)
-    joint = hit.candidate.joint
-    if not isinstance(signal, Delay | ActuatorLag) or joint is None:
-        return False
     problem = search.problem
-    settings = problem.settings
-    shifts = [solution.fit.theta[problem.get_own_columns(j).start + SHIFT] for j in problem.joints]
-    late = float(shifts[joint]) + signal.late(problem.rows.stretches[0].dt)
-    if late > settings.shift_seconds:
-        return False
-    return len(shifts) < 3 or late - float(np.median(shifts)) <= settings.shift_apart_seconds
+    shift = float(solution.fit.theta[problem.get_own_columns(joint).start + SHIFT])
+    late = shift + drive.signal.late(problem.rows.stretches[0].dt)
+    return isinstance(drive.signal, Delay | ActuatorLag) and late <= problem.settings.shift_seconds
 
 
 def compute_drive_gain(search: Search, before: Solution, after: Solution, drive: Drive) -> Array:
