@@ -51,8 +51,8 @@ STEPS = {
 """Name of a drive → the shape parameters that are refined, and the factors of their first steps."""
 KINDS = (Saturation, DeadZone, Backlash, JointFlexibility, Delay, ActuatorLag)
 """Drives that are tried."""
-HALVINGS = 4
-"""Steps of a refinement, each the root of the one before."""
+ROUNDS = 8
+"""Rounds of a refinement; where one does not gain, the next takes the root of its steps."""
 REPLACED_SHARE = 0.5
 """Share of the gain of a joint's causes that a drive in their place must have, before other causes join it."""
 CHANGED_SHARE = 0.1
@@ -63,13 +63,13 @@ SMALLEST_INERTIA = 1e-9
 
 def list_drives(kind: type[Cause], joint: str, seen: OperatingRange) -> list[Cause]:
     """Return the drives of one kind that are tried at a joint; of springs those that swing well inside the band."""
-    tried = list(kind.tried(joint, seen))
-    springs = {
-        x: x.held.frequency if x.geared else x.frequency
-        for x in tried
-        if isinstance(x, JointFlexibility)
-    }
-    return [x for x in tried if springs.get(x, 0.0) < RESONANCE_BAND * seen.band]
+    highest = RESONANCE_BAND * seen.band
+    return [
+        x
+        for x in kind.tried(joint, seen)
+        if not isinstance(x, JointFlexibility)
+        or (x.held.frequency if x.geared else x.frequency) < highest
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,12 +234,16 @@ class DriveTest:
     def _refine(self, best: Drive) -> Drive:
         """Return a drive with the shape near its own that gains most, or of a form that is too dear for a grid."""
         prior = best.hit.candidate.log_prior
-        for halving in range(HALVINGS):
+        power = 1.0
+        for _ in range(ROUNDS):
+            last = best
             for name, step in STEPS[best.signal.name].items():
                 value = float(getattr(best.signal, name))
-                factor = step ** (0.5**halving)
-                moved = [best.signal.moved(name, x) for x in (value / factor, value * factor)]
+                values = (value / step**power, value * step**power)
+                moved = [best.signal.moved(name, x) for x in values]
                 best = max([best, *self.measure(moved, prior)], key=_get_score)
+            if best is last:
+                power /= 2
         if not self.search.is_clear(best.hit, self.search.problem.settings.gain_nats):
             return best
         forms = best.signal.akin(self.search.problem.ranges[self.joint])
