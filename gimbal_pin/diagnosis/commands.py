@@ -253,15 +253,18 @@ class DriveTest:
         """Return a drive's gain less what it gains on a torque that it leaves alone but for noise.
 
         A lag, a limit or a gap takes noise out of a torque as well, which is no sign of it. The imitated torque is that
-        of the model with or without the drive, with its residual moved by half of each stretch: that is noise, or has
-        the structure of which a true drive leaves nothing. A spring has to gain something even if all of the error is
-        noise of the acceleration.
+        of the model with the drive, with its residual moved by half of each stretch. For a smooth drive it is also that
+        of the model without: the residual there is noise, or has the structure of which a true drive leaves nothing. A
+        spring has to gain something even if all of the error is noise of the acceleration.
         """
         problem = self.search.problem
         fit = self.solution.fit
         with_drive = compute_torque(problem, found.fit.theta, self.solution.columns)
         gain = found.hit.by_fold
-        for torque, acting in (with_drive, found.torque), (self.solution.torque, self.commands):
+        models = [(with_drive, found.torque)]
+        if found.signal.linear or getattr(found.signal, "knee", 0.0) > 0.0:
+            models.append((list(self.solution.torque), self.commands))
+        for torque, acting in models:
             own = [x[:, self.joint] for x in torque]
             imitated = [x + np.roll(y - x, len(y) // 2) for x, y in zip(own, acting)]
             passed = self.pass_commands(found.signal, imitated)
