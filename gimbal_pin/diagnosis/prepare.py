@@ -30,8 +30,8 @@ from gimbal_pin.log.platform import BaseMotion
 from gimbal_pin.regression import Filtering, limit_cutoff, subsample_log
 from gimbal_pin.rig.rig import Rig
 
-NOISE_SHARE = 0.99
-"""Held-out error of the rigid model with friction, as a share of the torque, from which the torque is noise."""
+DRIVEN = 5.0
+"""Least F by which the rigid model and friction must explain a joint's torque: noise gives one, any rig hundreds."""
 HARMONICS_OF_ANGLE = ("cogging", "position-dependent-friction")
 """Causes that stand out where noise of the acceleration hides inertia and gravity."""
 
@@ -173,18 +173,25 @@ def check_joints_move(rows: Rows, prepared: PreparedLogs) -> None:
 def check_torque_moves_joints(explanation: Explanation, prepared: PreparedLogs) -> tuple[str, ...]:
     """Return the joints at rest whose torque is noise: neither the model nor a function of the state predicts it.
 
+    ``F = (explained / parameters) / (left / rows)`` of a fit to one joint alone.
+
     Raises:
         DataError: The torque of a joint has nothing to do with its motion.
     """
     problem = explanation.search.problem
-    errors = explanation.found.first.errors
-    resting = find_joints_asked_to_rest(prepared.logs)
-    noisy = [
-        j
-        for j in problem.joints
-        if errors[j] > NOISE_SHARE * problem.torque_rms[j] and explanation.rest[j].predictable == 0
-    ]
+    rows = problem.rows
     joints = problem.rig.joints
+    resting = find_joints_asked_to_rest(prepared.logs)
+    noisy = list[int]()
+    for j in problem.joints:
+        columns = explanation.found.first.base[j][rows.inner]
+        torque = problem.measured[rows.inner, j]
+        coefficients, _, rank, _ = np.linalg.lstsq(columns, torque, rcond=1e-10)
+        power = float(np.sum((torque - columns @ coefficients) ** 2))
+        explained = (float(torque @ torque) - power) / max(rank, 1)
+        each = power / max(len(torque) * float(rows.used[j]), 1.0)
+        if explained < DRIVEN * each + 1e-300 and explanation.rest[j].predictable == 0.0:
+            noisy.append(j)
     idle = tuple(joints[j] for j in noisy if j in resting)
     undriven = tuple(joints[j] for j in noisy if j not in resting)
     if undriven:

@@ -55,6 +55,8 @@ SPECTRUM_SECONDS = 8.0
 """Length of the segments of that spectrum, s."""
 LINE_NEIGHBOURS = 33
 """Number of frequencies that the median is taken over."""
+COLUMNS_AT_A_TIME = 16
+"""Columns that are transformed together: a minute of them stays in a processor's cache."""
 
 Indices = NDArray[np.intp]
 
@@ -93,9 +95,13 @@ class Stretch:
 
     def project(self, signals: Array, joint: int) -> Array:
         """Return the rows of signals (m, k) at a joint: weighted, band-limited and decimated, (M, k)."""
-        spectrum = fft.rfft(signals * self.weight[:, joint, None], axis=0)[: len(self.fade)]
-        spectrum *= (self.fade * (self.count / len(signals)))[:, None]
-        return np.asarray(fft.irfft(spectrum, self.count, axis=0))
+        rows = np.empty((self.count, signals.shape[1]))
+        gain = (self.fade * (self.count / len(signals)))[:, None]
+        for first in range(0, signals.shape[1], COLUMNS_AT_A_TIME):
+            own = slice(first, first + COLUMNS_AT_A_TIME)
+            spectrum = fft.rfft(signals[:, own] * self.weight[:, joint, None], axis=0)
+            rows[:, own] = fft.irfft(spectrum[: len(gain)] * gain, self.count, axis=0)
+        return rows
 
     @property
     def frequencies(self) -> Array:
