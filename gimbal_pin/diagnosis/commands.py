@@ -57,19 +57,27 @@ REPLACED_SHARE = 0.5
 """Share of the gain of a joint's causes that a drive in their place must have, before other causes join it."""
 CHANGED_SHARE = 0.1
 """Change of a torque, as a share of it, from which it is another one."""
+HIGHEST_LIMIT = 2.0
+"""Highest limit that is tried, as a share of the largest torque: a soft one beyond bends it by less than an eighth."""
 SMALLEST_INERTIA = 1e-9
 """Inertia below which a joint has none, kg m²."""
 
 
 def list_drives(kind: type[Cause], joint: str, seen: OperatingRange) -> list[Cause]:
-    """Return the drives of one kind that are tried at a joint; of springs those that swing well inside the band."""
-    highest = RESONANCE_BAND * seen.band
-    return [
-        x
-        for x in kind.tried(joint, seen)
-        if not isinstance(x, JointFlexibility)
-        or (x.held.frequency if x.geared else x.frequency) < highest
-    ]
+    """Return the drives of one kind that are tried at a joint.
+
+    Of springs those that swing well inside the band, of limits those that bend the torque visibly.
+    """
+    drives = list[Cause]()
+    for x in kind.tried(joint, seen):
+        if isinstance(x, JointFlexibility):
+            hertz = x.held.frequency if x.geared else x.frequency
+            if hertz >= RESONANCE_BAND * seen.band:
+                continue
+        if isinstance(x, Saturation) and x.limit > HIGHEST_LIMIT * seen.peak:
+            continue
+        drives.append(x)
+    return drives
 
 
 @dataclass(frozen=True, eq=False)
