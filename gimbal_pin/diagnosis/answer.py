@@ -298,15 +298,15 @@ def _describe_drive(explanation: Explanation, drive: Drive) -> Finding:
     """Return a drive that acts on the command as a finding."""
     search = explanation.search
     problem = search.problem
-    candidate = drive.plain.candidate
+    candidate = drive.hit.candidate
     assert candidate.joint is not None
     j = candidate.joint
     others = dict[str, Hit]()
     for other in drive.others:
         others.setdefault(other.candidate.name, other)
     hits = list(others.values())
-    chances = weigh(drive.plain.by_fold, candidate.log_prior, hits)
-    rivals = _list_rivals(drive.plain.by_fold, chances, hits)
+    chances = weigh(drive.hit.by_fold, candidate.log_prior, hits)
+    rivals = _list_rivals(drive.hit.by_fold, chances, hits)
     after = float(explanation.found.final.errors[j])
     curve = _measure_curve(explanation, j, candidate.name)
     share = compute_share(drive.before, curve * after, explanation.rest[j])

@@ -7,27 +7,23 @@ with the error ``e = g(u) - Y(q, v, a) β`` and a joint's own inertia M(β), ``�
     log p(a) = log p(e) + log M.
 
 The gain of a joint's drive is ``D + n_j log(M_B/M_A)``, D the gain of the torque's error. A g that makes all torques
-small makes M small as well, and gains nothing. Where the motion is too slow to show M (`shows_inertia`), rows that g
-leaves alone have to fix the torque's scale: they must be half of all in time or in power (`fixes_scale`).
+small makes M small as well, and gains nothing. Where the motion is too slow to show M (`_shows_inertia`), rows that g
+leaves alone have to fix the torque's scale: they must be half of all in time or in power (`_fixes_scale`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import log, sqrt
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from math import log
 
 import numpy as np
 
 from gimbal_pin.diagnosis.candidates import RESONANCE_BAND, Candidate
 from gimbal_pin.diagnosis.problem import SHIFT, Problem, compute_torque
 from gimbal_pin.diagnosis.score import BlockFit, compare_fits
-from gimbal_pin.diagnosis.search import (
-    Hit,
-    Search,
-    Solution,
-    compute_solution_gain,
-)
+from gimbal_pin.diagnosis.search import Hit, Search, Solution, compute_solution_gain
+from gimbal_pin.diagnosis.uncertainty import compute_white_covariance
 from gimbal_pin.effects import (
     ActuatorLag,
     Backlash,
@@ -42,358 +38,278 @@ from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.log.log import Array
 
-LIMIT_SHARES = tuple(np.geomspace(0.06, 0.95, 14).tolist())
-"""Limits that are tried, as shares of the largest torque; they are a fourth apart."""
-SOFT_LIMITS = (0.7, 1.2, 2.0)
-"""Soft limits that are tried, as shares of it."""
-SOFT_KNEE = 2.0
-"""Knee of these."""
-WIDTHS = tuple(np.geomspace(0.03, 0.8, 12).tolist())
-"""Widths of dead zones that are tried, as shares of the torque that 98 % stay under."""
-SHARPNESSES = (0.0, 1.5, 4.0)
-"""Sharpnesses of these; 0: a gap. Thresholds are tried besides."""
-LATE_SECONDS = tuple(np.geomspace(2e-3, 0.06, 9).tolist())
-"""Delays and lags that are tried, s."""
-GAPS = (2.5e-4, 1e-3, 4e-3, 1.6e-2)
-"""Gaps that are tried, rad."""
-ROTOR_SHARES = (0.0, 0.25)
-"""The rotor's share of the inertia: 0 for an encoder on the link."""
-ROTOR_INERTIAS = (0.05, 0.3)
-"""Inertia of the rotor in the gap, as a share of the joint's own."""
+LOG_PRIORS = {"saturation": -1.0, "dead-zone": -1.0, "joint-flexibility": -2.0}
+"""Log priors of drives, nats; 0 for the others. All shapes of a drive share its prior."""
+STEPS = {
+    "saturation": {"limit": 1.1},
+    "dead-zone": {"width": 1.15},
+    "backlash": {"gap": 2.0},
+    "joint-flexibility": {"frequency": 1.15, "damping": 2.0, "rotor_share": 1.5},
+    "delay": {"time": 1.4},
+    "actuator-lag": {"time_constant": 1.4},
+}
+"""Name of a drive → the shape parameters that are refined, and the factors of their first steps."""
+KINDS = (Saturation, DeadZone, Backlash, JointFlexibility, Delay, ActuatorLag)
+"""Drives that are tried."""
+ROUNDS = 8
+"""Rounds of a refinement; where one does not gain, the next takes the root of its steps."""
 REPLACED_SHARE = 0.5
 """Share of the gain of a joint's causes that a drive in their place must have, before other causes join it."""
-MOST_REFINED = 4
-"""Most kinds of drives whose shapes are refined."""
 CHANGED_SHARE = 0.1
 """Change of a torque, as a share of it, from which it is another one."""
+HIGHEST_LIMIT = 2.0
+"""Highest limit that is tried, as a share of the largest torque: a soft one beyond bends it by less than an eighth."""
 SMALLEST_INERTIA = 1e-9
 """Inertia below which a joint has none, kg m²."""
-COMMAND_LOG_PRIORS = {"saturation": -1.0, "dead-zone": -1.0, "joint-flexibility": -2.0}
-"""Log priors of these causes, nats; 0 for the others."""
 
 
-def list_command_causes(joint: str, seen: OperatingRange, inertia: float) -> list[Signal]:
-    """Return the drives that are tried at a joint; `inertia`: its own, kg m²."""
-    limits = [
-        Saturation.inside(joint, share * seen.peak, side)
-        for share in LIMIT_SHARES
-        for side in (0, 1, -1)
-    ]
-    limits += [Saturation.inside(joint, share * seen.peak, 0, SOFT_KNEE) for share in SOFT_LIMITS]
-    widths = [share * seen.torque for share in WIDTHS]
-    zones = [DeadZone.inside(joint, width, sharp) for width in widths for sharp in SHARPNESSES]
-    zones += [DeadZone.inside(joint, width, whole=True) for width in widths]
-    gaps = [
-        Backlash.inside(joint, gap, max(share * inertia, 1e-7), rotor)
-        for gap in GAPS
-        for share in ROTOR_INERTIAS
-        for rotor in ROTOR_SHARES
-    ]
-    springs = [
-        spring
-        for spring in JointFlexibility.tried(joint, seen)
-        if isinstance(spring, JointFlexibility) and _get_zero(spring) < RESONANCE_BAND * seen.band
-    ]
-    late: list[Signal] = [Delay.inside(joint, time) for time in LATE_SECONDS]
-    late += [ActuatorLag.inside(joint, time) for time in LATE_SECONDS]
-    return [*limits, *zones, *gaps, *late, *springs]
+def list_drives(kind: type[Cause], joint: str, seen: OperatingRange) -> list[Cause]:
+    """Return the drives of one kind that are tried at a joint.
 
-
-def _get_zero(spring: JointFlexibility) -> float:
-    """Return the frequency at which a spring's torque is gone, Hz: the resonance with the rotor held."""
-    return spring.frequency * sqrt(spring.rotor_share or 1.0)
+    Of springs those that swing well inside the band, of limits those that bend the torque visibly.
+    """
+    drives = list[Cause]()
+    for x in kind.tried(joint, seen):
+        if isinstance(x, JointFlexibility):
+            hertz = x.held.frequency if x.geared else x.frequency
+            if hertz >= RESONANCE_BAND * seen.band:
+                continue
+        if isinstance(x, Saturation) and x.limit > HIGHEST_LIMIT * seen.peak:
+            continue
+        drives.append(x)
+    return drives
 
 
 @dataclass(frozen=True, eq=False)
-class CommandHit:
+class Drive:
     """A drive that was measured beside a model.
 
     Attributes:
         hit: Its gain in predicting the acceleration.
         torque: Torque that acts along each stretch, N m, (m,).
         fit: The model fitted to it.
-    """
-
-    hit: Hit
-    torque: tuple[Array, ...]
-    fit: BlockFit
-
-
-@dataclass(frozen=True, eq=False)
-class Drive:
-    """A drive that an explanation has.
-
-    Attributes:
-        hit: The drive, its gain less what it gains from noise.
-        plain: The same with all of its gain, as the others have it.
-        gain: Its gain with all causes refitted, by fold, nats, (K,).
+        gain: Its gain less what it gains from noise, or with all causes refitted, by fold, nats, (K,).
         before: Error of the joint without it, N m.
         others: Drives of other kinds that gained clearly, too.
     """
 
-    hit: CommandHit
-    plain: Hit
+    hit: Hit
+    torque: Sequence[Array]
+    fit: BlockFit
     gain: Array
-    before: float
-    others: tuple[Hit, ...]
+    before: float = 0.0
+    others: tuple[Hit, ...] = ()
+
+    @property
+    def signal(self) -> Signal:
+        """What it makes of the command."""
+        assert isinstance(self.hit.candidate.cause, Signal)
+        return self.hit.candidate.cause
 
 
-def compute_acting_torque(
-    search: Search, solution: Solution, joint: int, signal: Signal
-) -> tuple[Array, ...]:
-    """Return the torque that acts behind a drive along each stretch, N m, (m,)."""
-    if signal.geared and not signal.abrupt:
-        commands = [part.samples.tau[:, joint] for part in search.problem.rows.stretches]
-        return pass_commands(search, solution, joint, signal, commands)
-    acting = list[Array]()
-    for part in search.problem.rows.stretches:
-        # A limit cuts each sample of the log, and not their smoothed course.
-        logged = part.logged.tau[:, joint]
-        lost = logged - signal.acting(logged, part.dt / part.logged.step)
-        acting.append(part.samples.tau[:, joint] - part.logged.smoothed(lost))
-    return tuple(acting)
+def _get_score(drive: Drive) -> float:
+    """Return gain and log prior, nats."""
+    return drive.hit.score
 
 
-def pass_commands(
-    search: Search,
-    solution: Solution,
-    joint: int,
-    signal: Signal,
-    commands: Sequence[Array],
-) -> tuple[Array, ...]:
-    """Return what a drive makes of commands along each stretch, N m, (m,)."""
-    problem = search.problem
-    dry, viscous, _ = solution.fit.theta[problem.get_own_columns(joint)]
-    inertia = get_inertia(problem, solution.fit, solution, joint)
-    acting = list[Array]()
-    for part, torque, command in zip(problem.rows.stretches, solution.torque, commands):
-        if not signal.geared:
-            acting.append(signal.acting(command, part.dt))
-            continue
-        x = part.samples
-        brake = dry * part.direction[:, joint] + viscous * x.v[:, joint]
-        inertial = inertia * x.a[:, joint]
-        load = torque[:, joint] - brake - inertial
-        still = part.weight[:, joint] == 0.0
-        borne = JointLoad.along(brake, load, command, still, inertial)
-        acting.append(signal.along(command, part.dt, borne))
-    return tuple(acting)
+@dataclass(frozen=True, eq=False)
+class DriveTest:
+    """A joint's logged torque and a model, to which drives are added.
+
+    Attributes:
+        search: The search.
+        solution: The model.
+        joint: The joint.
+        known: Drives that do not read the model → torque that acts behind them along each stretch, N m, (m,).
+    """
+
+    search: Search
+    solution: Solution
+    joint: int
+    known: dict[Signal, Sequence[Array]] = field(default_factory=dict)
+
+    @property
+    def commands(self) -> list[Array]:
+        """The logged torque along each stretch, N m, (m,)."""
+        return [x.samples.tau[:, self.joint] for x in self.search.problem.rows.stretches]
+
+    def measure(self, causes: Sequence[Cause], log_prior: float) -> list[Drive]:
+        """Return what drives gain beside the model."""
+        signals = [x for x in causes if isinstance(x, Signal)]
+        torques = self._compute_acting_torques(signals)
+        if not torques:
+            return []
+        drives = list[Drive]()
+        for signal, torque, fit in zip(signals, torques, self.fit_torques(torques)):
+            gain = self.measure_gain(self.solution.fit, fit)
+            if gain.sum() > 0 and not (self._shows_inertia(fit) or self._fixes_scale(torque)):
+                gain = np.full(len(gain), -np.inf)
+            hit = Hit(Candidate(signal, self.joint, log_prior), gain, np.zeros(0))
+            drives.append(Drive(hit, torque, fit, gain))
+        return drives
+
+    def measure_gain(self, before: BlockFit, after: BlockFit) -> Array:
+        """Return the gain of a fit to another torque in predicting the acceleration, by fold, nats, (K,)."""
+        old, new = (
+            compute_inertia(self.search.problem, self.solution, self.joint, fit)
+            for fit in (before, after)
+        )
+        return compare_fits(before, after) + before.rows[:, self.joint] * log(new / old)
+
+    def fit_torques(self, torques: Sequence[Sequence[Array]]) -> Iterator[BlockFit]:
+        """Yield the model fitted to each of some torques at the joint, N m, (m,) per stretch."""
+        problem = self.search.problem
+        left = [
+            np.stack(x, axis=1) - known[:, [self.joint]]
+            for x, known in zip(zip(*torques), problem.known)
+        ]
+        rows = problem.rows.project(left, self.joint)
+        for row in self.search.whitening.apply(problem.rows, rows, self.joint).T:
+            target = self.solution.fit.target.copy()
+            target[:, self.joint] = row
+            yield self.solution.fit.refit(target)
+
+    def pass_commands(self, signal: Signal, commands: Sequence[Array]) -> list[Array]:
+        """Return what a drive makes of commands along each stretch, N m, (m,)."""
+        problem = self.search.problem
+        j = self.joint
+        dry, viscous, _ = self.solution.fit.theta[problem.get_own_columns(j)]
+        inertia = compute_inertia(problem, self.solution, j)
+        acting = list[Array]()
+        for part, torque, command in zip(problem.rows.stretches, self.solution.torque, commands):
+            x = part.samples
+            brake = dry * part.direction[:, j] + viscous * x.v[:, j]
+            inertial = inertia * x.a[:, j]
+            still = part.weight[:, j] == 0.0
+            load = torque[:, j] - brake - inertial
+            borne = JointLoad.along(brake, load, command, still, inertial)
+            acting.append(signal.along(command, part.dt, borne))
+        return acting
+
+    def _compute_acting_torques(self, signals: Sequence[Signal]) -> list[Sequence[Array]]:
+        """Return the torque that acts behind each drive along each stretch, N m, (m,)."""
+        read_log = [x for x in signals if x.abrupt or not x.geared]
+        new = [x for x in read_log if x not in self.known]
+        if new:
+            parts = [x.T for x in self._pass_logged(new)]
+            self.known.update(zip(new, zip(*parts)))
+        commands = self.commands
+        return [
+            self.known[x] if x in self.known else self.pass_commands(x, commands) for x in signals
+        ]
+
+    def _pass_logged(self, signals: Sequence[Signal]) -> Iterator[Array]:
+        """Yield what drives make of each sample of the log, smoothed like the torque, N m, (m, k) per stretch."""
+        for part in self.search.problem.rows.stretches:
+            logged = part.logged.tau[:, self.joint]
+            dt = part.dt / part.logged.step
+            lost = np.stack([logged - x.acting(logged, dt) for x in signals], axis=1)
+            yield part.samples.tau[:, [self.joint]] - part.logged.smoothed(lost)
+
+    def _shows_inertia(self, fit: BlockFit) -> bool:
+        """Return whether the joint's inertia is known to half of itself with 95 % confidence."""
+        problem = self.search.problem
+        direction = problem.inertia[self.joint]
+        covariance = compute_white_covariance(fit)[: problem.base_count, : problem.base_count]
+        inertia = compute_inertia(problem, self.solution, self.joint, fit)
+        return bool(direction @ covariance @ direction < (inertia / 4) ** 2)
+
+    def _fixes_scale(self, torque: Sequence[Array]) -> bool:
+        """Return whether a drive leaves half of the joint's torque as it was, in time or in power."""
+        command = np.concatenate(self.commands)
+        is_kept = np.abs(np.concatenate(torque) - command) < CHANGED_SHARE * np.abs(command)
+        power = command**2
+        return bool(max(is_kept.mean(), power[is_kept].sum() / max(power.sum(), 1e-300)) >= 0.5)
+
+    def screen(self) -> list[Drive]:
+        """Return the best shape of each kind of drive, the best first."""
+        problem = self.search.problem
+        best = list[Drive]()
+        for kind in KINDS:
+            name = problem.rig.joints[self.joint]
+            signals = list_drives(kind, name, problem.ranges[self.joint])
+            prior = LOG_PRIORS.get(kind.name, 0.0) - log(max(len(signals), 1))
+            best += sorted(self.measure(signals, prior), key=_get_score)[-1:]
+        if any(x.hit.score > 0 for x in best):
+            best = [self._refine(x) for x in best]
+        return sorted(best, key=_get_score, reverse=True)
+
+    def _refine(self, best: Drive) -> Drive:
+        """Return a drive with the shape near its own that gains most, or of a form that is too dear for a grid."""
+        prior = best.hit.candidate.log_prior
+        power = 1.0
+        for _ in range(ROUNDS):
+            last = best
+            for name, step in STEPS[best.signal.name].items():
+                value = float(getattr(best.signal, name))
+                values = (value / step**power, value * step**power)
+                moved = [best.signal.moved(name, x) for x in values]
+                best = max([best, *self.measure(moved, prior)], key=_get_score)
+            if best is last:
+                power /= 2
+        if not self.search.is_clear(best.hit, self.search.problem.settings.gain_nats):
+            return best
+        forms = best.signal.akin(self.search.problem.ranges[self.joint])
+        return max([best, *self.measure(forms, prior)], key=_get_score)
+
+    def discount_noise(self, found: Drive) -> Hit:
+        """Return a drive's gain less what it gains on a torque that it leaves alone but for noise.
+
+        A lag, a limit or a gap takes noise out of a torque as well, which is no sign of it. The imitated torque is that
+        of the model with the drive, with its residual moved by half of each stretch. For a smooth drive it is also that
+        of the model without: the residual there is noise, or has the structure of which a true drive leaves nothing. A
+        spring has to gain something even if all of the error is noise of the acceleration.
+        """
+        problem = self.search.problem
+        fit = self.solution.fit
+        with_drive = compute_torque(problem, found.fit.theta, self.solution.columns)
+        gain = found.hit.by_fold
+        models = [(with_drive, found.torque)]
+        if found.signal.linear or getattr(found.signal, "knee", 0.0) > 0.0:
+            models.append((list(self.solution.torque), self.commands))
+        for torque, acting in models:
+            own = [x[:, self.joint] for x in torque]
+            imitated = [x + np.roll(y - x, len(y) // 2) for x, y in zip(own, acting)]
+            passed = self.pass_commands(found.signal, imitated)
+            noise = float(self.measure_gain(*self.fit_torques([imitated, passed])).sum())
+            gain = np.minimum(gain, found.hit.by_fold - max(noise, 0.0) / len(gain))
+        filtered = float(fit.rows[:, self.joint].sum()) * _average_log_response(
+            problem, found.signal
+        )
+        if gain.sum() + min(filtered, 0.0) < problem.settings.gain_nats:
+            gain = np.full(len(gain), -np.inf)
+        return replace(found.hit, by_fold=gain)
 
 
-def get_inertia(problem: Problem, fit: BlockFit, solution: Solution, joint: int) -> float:
-    """Return a joint's own inertia in a fit, its rotor included, kg m²."""
-    theta = fit.theta
-    beta = problem.urdf + theta[: problem.base_count]
-    total = float(problem.inertia[joint] @ beta) + float(problem.rig.armature[joint])
+def compute_inertia(
+    problem: Problem, solution: Solution, joint: int, fit: BlockFit | None = None
+) -> float:
+    """Return a joint's own inertia in a model, its rotor included, kg m²; `fit`: another fit of the model."""
+    theta = (fit or solution.fit).theta
+    total = float(problem.inertia[joint] @ (problem.urdf + theta[: problem.base_count]))
+    total += float(problem.rig.armature[joint])
     for candidate in solution.accepted:
         if candidate.name == "armature" and candidate.joint == joint:
             total += float(theta[solution.get_places(candidate, problem)][0])
     return max(total, SMALLEST_INERTIA)
 
 
-def measure_command(
-    search: Search, solution: Solution, joint: int, signal: Signal, log_prior: float
-) -> CommandHit:
-    """Return what a drive gains beside a model."""
-    problem = search.problem
-    torque = compute_acting_torque(search, solution, joint, signal)
-    fit = solution.fit.refit(_replace_target(search, solution, joint, torque))
-    rows = solution.fit.rows
-    by_fold = compare_fits(solution.fit, fit)
-    before = get_inertia(problem, solution.fit, solution, joint)
-    after = get_inertia(problem, fit, solution, joint)
-    slope = log(after / before) + average_log_response(search, joint, signal, after)
-    by_fold = by_fold + rows[:, joint] * slope
-    if not (shows_inertia(problem, fit, joint, after) or fixes_scale(search, joint, torque)):
-        by_fold = np.full(len(by_fold), -np.inf)
-    candidate = Candidate(signal, joint, log_prior)
-    hit = Hit(candidate, by_fold, np.zeros(0))
-    return CommandHit(hit, torque, fit)
-
-
-def _replace_target(
-    search: Search, solution: Solution, joint: int, torque: Sequence[Array]
-) -> Array:
-    """Return a fit's whitened target with another torque at a joint, N m, (m,) per stretch."""
-    problem = search.problem
-    left = [x - known[:, joint] for x, known in zip(torque, problem.known)]
-    target = solution.fit.target.copy()
-    row = problem.rows.project(left, joint)
-    target[:, joint] = search.whitening.apply(problem.rows, row, joint)[:, 0]
-    return target
-
-
-def shows_inertia(problem: Problem, fit: BlockFit, joint: int, inertia: float) -> bool:
-    """Return whether the logs alone tell a joint's inertia to half of itself with 95 % confidence."""
-    direction = problem.inertia[joint]
-    scaled = np.zeros(len(fit.norms))
-    scaled[: problem.base_count] = direction / fit.norms[: problem.base_count]
-    known = float(scaled @ fit.inverse @ scaled)
-    believed = float(direction**2 @ (1.0 / problem.precision))
-    told = 1.0 / max(known, 1e-300) - 1.0 / believed
-    return bool(told > 0 and 2.0 / np.sqrt(told) < 0.5 * inertia)
-
-
-def fixes_scale(search: Search, joint: int, torque: Sequence[Array]) -> bool:
-    """Return whether a drive leaves half of a joint's torque as it was, in time or in power."""
-    command = search.problem.rows.join("tau")[:, joint]
-    is_kept = np.abs(np.concatenate(torque) - command) < CHANGED_SHARE * np.abs(command)
-    power = command**2
-    return bool(max(is_kept.mean(), power[is_kept].sum() / max(power.sum(), 1e-300)) >= 0.5)
-
-
-def screen_commands(search: Search, solution: Solution, joint: int) -> list[CommandHit]:
-    """Return the best shape of each kind of drive at a joint, the best first."""
-    problem = search.problem
-    inertia = get_inertia(problem, solution.fit, solution, joint)
-    signals = list_command_causes(problem.rig.joints[joint], problem.ranges[joint], inertia)
-    best = dict[str, CommandHit]()
-    for signal in signals:
-        count = sum(other.name == signal.name for other in signals)
-        prior = COMMAND_LOG_PRIORS.get(signal.name, 0.0) - log(count)
-        hit = measure_command(search, solution, joint, signal, prior)
-        if signal.name not in best or hit.hit.score > best[signal.name].hit.score:
-            best[signal.name] = hit
-    ranked = sorted(best.values(), key=lambda one: -one.hit.score)
-    refined = [_refine_command(search, solution, joint, one) for one in ranked[:MOST_REFINED]]
-    kin = [_try_kin(search, solution, joint, hit) for hit in refined]
-    return sorted(kin, key=lambda one: -one.hit.score)
-
-
-def _try_kin(search: Search, solution: Solution, joint: int, best: CommandHit) -> CommandHit:
-    """Return the best of a drive and its other forms, which are too many for a grid."""
-    candidate = best.hit.candidate
-    prior = candidate.log_prior
-    if not search.is_clear(best.hit, search.problem.settings.gain_nats):
-        return best
-    for cause in candidate.cause.akin(search.problem.ranges[joint]):
-        assert isinstance(cause, Signal)
-        tried = measure_command(search, solution, joint, cause, prior)
-        if tried.hit.score > best.hit.score:
-            best = tried
-    return best
-
-
-STEPS = {
-    "saturation": (("limit", 1.1),),
-    "dead-zone": (("width", 1.15),),
-    "backlash": (("gap", 2.0),),
-    "joint-flexibility": (("frequency", 1.15), ("damping", 2.0), ("rotor_share", 1.5)) * 2,
-    "delay": (("time", 1.25),),
-    "actuator-lag": (("time_constant", 1.25),),
-}
-"""Name of a drive → the shape parameters that are refined, and the factors of their first steps."""
-HALVINGS = 4
-"""Steps of a refinement, each the root of the one before."""
-
-
-def _refine_command(search: Search, solution: Solution, joint: int, best: CommandHit) -> CommandHit:
-    """Return a drive with the shape near its own that gains most."""
-    for name, step in STEPS[best.hit.candidate.name]:
-        for _ in range(HALVINGS):
-            for factor in (1 / step, step):
-                signal = _scale_shape(best.hit.candidate.cause, name, factor)
-                prior = best.hit.candidate.log_prior
-                tried = measure_command(search, solution, joint, signal, prior)
-                if tried.hit.score > best.hit.score:
-                    best = tried
-            step = step**0.5
-    return best
-
-
-def _scale_shape(cause: Cause, name: str, factor: float) -> Signal:
-    """Return a drive with a shape parameter times a factor; with another rotor's share the link swings as before."""
-    if isinstance(cause, JointFlexibility) and name == "rotor_share":
-        signal = cause.moved("frequency", cause.frequency / sqrt(factor))
-    else:
-        signal = cause.altered(**{name: factor * float(getattr(cause, name))})
-    assert isinstance(signal, Signal)
-    return signal
-
-
-def discount_noise(search: Search, solution: Solution, joint: int, found: CommandHit) -> CommandHit:
-    """Return a drive with its gain less what it gains on a torque that it leaves alone but for noise.
-
-    A lag, a limit or a gap takes noise out of a torque as well, which is no sign of it. The imitated torque is that of
-    the model with the drive, with its residual moved by half of each stretch. For a smooth drive it is also that of the
-    model without: the residual there is noise, or it has the structure of which a true drive leaves nothing. A spring
-    has to gain something even if all of the error is noise of the acceleration.
-    """
-    signal = found.hit.candidate.cause
-    assert isinstance(signal, Signal)
-    problem = search.problem
-    with_drive = compute_torque(problem, found.fit.theta, solution.columns)
-    measured = [part.samples.tau[:, joint] for part in problem.rows.stretches]
-    models: list[tuple[Sequence[Array], Sequence[Array]]] = [(with_drive, found.torque)]
-    is_smooth = signal.linear or (isinstance(signal, Saturation) and signal.knee > 0)
-    if is_smooth:
-        models.append((solution.torque, measured))
-    by_fold = found.hit.by_fold
-    for torque, acting in models:
-        imitated = [
-            x[:, joint] + np.roll(y - x[:, joint], len(y) // 2) for x, y in zip(torque, acting)
-        ]
-        gain = _measure_imitation(search, solution, joint, signal, imitated)
-        by_fold = np.minimum(by_fold, found.hit.by_fold - max(float(gain.sum()), 0.0) / len(gain))
-    inertia = get_inertia(problem, found.fit, solution, joint)
-    known, most = (
-        average_log_response(search, joint, signal, inertia, whole=whole) for whole in (False, True)
-    )
-    whole = by_fold.sum() + solution.fit.rows[:, joint].sum() * min(most - known, 0.0)
-    if whole < problem.settings.gain_nats:
-        by_fold = np.full(len(by_fold), -np.inf)
-    return replace(found, hit=replace(found.hit, by_fold=by_fold))
-
-
-def _measure_imitation(
-    search: Search, solution: Solution, joint: int, signal: Signal, imitated: Sequence[Array]
-) -> Array:
-    """Return what a drive gains on an imitated torque, N m, (m,) per stretch, by fold."""
-    problem = search.problem
-    plain = solution.fit.refit(_replace_target(search, solution, joint, imitated))
-    passed = pass_commands(search, solution, joint, signal, imitated)
-    through = solution.fit.refit(_replace_target(search, solution, joint, passed))
-    before, after = (get_inertia(problem, fit, solution, joint) for fit in (plain, through))
-    slope = log(after / before) + average_log_response(search, joint, signal, after)
-    return np.asarray(compare_fits(plain, through) + solution.fit.rows[:, joint] * slope)
-
-
-def average_log_response(
-    search: Search, joint: int, signal: Signal, inertia: float, *, whole: bool = False
-) -> float:
+def _average_log_response(problem: Problem, signal: Signal) -> float:
     """Return what a spring takes out of the error by filtering the acceleration's noise, nats per row.
 
-    H is what the error of a torque behind a spring feels of the joint's own acceleration, ``∂e/∂a = -M H``. Where the
-    acceleration's noise makes up the share s of the error's power, the error falls by ``½ log(1 - s + s |H|²)``
-    without any spring. Mean over the frequencies up to the band.
-
-    Args:
-        search: The search.
-        joint: The joint.
-        signal: The drive; 0 for others than springs.
-        inertia: The joint's own inertia, kg m².
-        whole: Whether all of the error may be noise of the acceleration; else only what the sensors' noise makes.
+    ``H = r + (1 - r) N`` is what the error of a torque behind a spring feels of the joint's own acceleration,
+    ``∂e/∂a = -M H``, N the resonance of the link with the rotor held and r the rotor's share. If all of the error comes
+    from noise of the acceleration, it falls by ``log |H|`` without any spring. Mean up to the band.
     """
-    if not signal.springy:
+    if not (isinstance(signal, JointFlexibility) and signal.springy):
         return 0.0
-    part = search.problem.rows.stretches[0]
-    count = len(part.time)
-    impulse = np.zeros((count, 1))
-    impulse[1] = 1.0  # a spring is at rest with the first sample
-    felt = signal.felt(np.zeros((count, 1)), impulse, part.dt)[:, 0]
-    frequency = np.fft.rfftfreq(count, part.dt)
-    inside = (frequency > 0) & (frequency < search.problem.rows.band)
-    power = np.maximum(np.abs(np.fft.rfft(felt))[inside] ** 2, 1e-12)
-    if whole:
-        return float(np.mean(0.5 * np.log(power)))
-    whitening = search.whitening
-    noise = inertia**2 * part.compute_acceleration_noise(joint, frequency[inside])
-    gain = np.interp(frequency[inside], whitening.frequencies, whitening.gains[joint])
-    share = np.minimum(noise * gain**2, 1.0)
-    return float(np.mean(0.5 * np.log(1 - share + share * power)))
+    r = signal.rotor_share
+    ratio = np.linspace(0.0, problem.rows.band, 1000) / signal.held.frequency
+    resonance = 1.0 / (1.0 - ratio**2 + 2j * signal.held.damping * ratio)
+    return float(np.mean(np.log(np.abs(r + (1.0 - r) * resonance))))
 
 
-def find_commands(search: Search, final: Solution, joint: int) -> list[Drive]:
+def find_drives(search: Search, final: Solution, joint: int) -> list[Drive]:
     """Return the drives that predict a joint's acceleration clearly better, beside its causes or in place of them.
 
     Args:
@@ -402,50 +318,38 @@ def find_commands(search: Search, final: Solution, joint: int) -> list[Drive]:
         joint: The joint.
     """
     nats = search.problem.settings.gain_nats
-    models = [(final, 0.0)]
-    own = [one for one in final.accepted if one.joint == joint]
-    if own:
-        without = search.fit_without(final, own)
-        models.append((without, compute_solution_gain(without, final)))
+    test = DriveTest(search, final, joint)
+    tests = [(test, 0.0)]
+    causes = [x for x in final.accepted if x.joint == joint]
+    if causes:
+        without = search.fit_without(final, causes)
+        tests.append((replace(test, solution=without), compute_solution_gain(without, final)))
     drives = list[Drive]()
-    for solution, explained in models:
-        hits = [
-            one
-            for one in screen_commands(search, solution, joint)
-            if search.is_clear(one.hit, nats) and one.hit.gain > REPLACED_SHARE * explained
+    for test, explained in tests:
+        clear = [
+            x
+            for x in test.screen()
+            if search.is_clear(x.hit, nats) and x.hit.gain > REPLACED_SHARE * explained
         ]
-        for one in hits:
-            sure = discount_noise(search, solution, joint, one)
-            if search.is_clear(sure.hit, nats) and not _is_short(search, final, one.hit):
-                others = tuple(x.hit for x in hits if x is not one)
-                drives.append(Drive(sure, one.hit, sure.hit.by_fold, 0.0, others))
-    return sorted(drives, key=lambda one: -one.hit.hit.score)
+        for drive in clear:
+            sure = test.discount_noise(drive)
+            if search.is_clear(sure, nats) and not _is_short(search, final, drive, joint):
+                others = tuple(x.hit for x in clear if x is not drive)
+                drives.append(replace(drive, gain=sure.by_fold, others=others))
+    return sorted(drives, key=lambda x: -(float(x.gain.sum()) + x.hit.candidate.log_prior))
 
 
-def _is_short(search: Search, solution: Solution, hit: Hit) -> bool:
+def _is_short(search: Search, solution: Solution, drive: Drive, joint: int) -> bool:
     """Return whether a delay or a lag is within what the channels of one logger are apart."""
-    cause = hit.candidate.cause
-    joint = hit.candidate.joint
-    if not isinstance(cause, Delay | ActuatorLag) or joint is None:
-        return False
     problem = search.problem
-    shifts = [solution.fit.theta[problem.get_own_columns(j).start + SHIFT] for j in problem.joints]
-    late = float(shifts[joint]) + cause.late(problem.rows.stretches[0].dt)
-    settings = problem.settings
-    if late > settings.shift_seconds:
-        return False
-    return len(shifts) < 3 or late - float(np.median(shifts)) <= settings.shift_apart_seconds
+    shift = float(solution.fit.theta[problem.get_own_columns(joint).start + SHIFT])
+    late = shift + drive.signal.late(problem.rows.stretches[0].dt)
+    return isinstance(drive.signal, Delay | ActuatorLag) and late <= problem.settings.shift_seconds
 
 
-def compute_drive_gain(search: Search, before: Solution, after: Solution, hit: Hit) -> Array:
+def compute_drive_gain(search: Search, before: Solution, after: Solution, drive: Drive) -> Array:
     """Return the gain of a model with a drive in predicting the acceleration, by fold, nats, (K,)."""
-    joint = hit.candidate.joint
-    signal = hit.candidate.cause
-    assert joint is not None and isinstance(signal, Signal)
-    problem = search.problem
-    rows = before.fit.rows
-    gain = compare_fits(before.fit, after.fit)
-    old = get_inertia(problem, before.fit, before, joint)
-    new = get_inertia(problem, after.fit, after, joint)
-    slope = log(new / old) + average_log_response(search, joint, signal, new)
-    return np.asarray(gain + rows[:, joint] * slope)
+    joint = drive.hit.candidate.joint
+    assert joint is not None
+    old, new = (compute_inertia(search.problem, x, joint) for x in (before, after))
+    return compare_fits(before.fit, after.fit) + before.fit.rows[:, joint] * log(new / old)

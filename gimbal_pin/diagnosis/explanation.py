@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.commands import Drive, compute_drive_gain, find_commands
+from gimbal_pin.diagnosis.commands import Drive, compute_drive_gain, find_drives
 from gimbal_pin.diagnosis.library import Shelf
 from gimbal_pin.diagnosis.mount import Mount, find_mount, find_turn
 from gimbal_pin.diagnosis.noise import estimate_noise
@@ -183,7 +183,7 @@ def _search(search: Search, shelves: Sequence[Shelf] = ()) -> Explanation:
 
 def _add_drive(before: Explanation, joint: int) -> Explanation:
     """Return an explanation with a drive at a joint, where that predicts its acceleration better."""
-    drives = find_commands(before.search, before.found.final, joint)
+    drives = find_drives(before.search, before.found.final, joint)
     best = before
     most = before.search.problem.settings.gain_nats
     for drive in drives[:MOST_DRIVES]:
@@ -200,13 +200,13 @@ def _search_behind_drive(
     """Return what is found in the torque that acts behind a drive, and its gain with all priors, nats."""
     search = before.search
     final = before.found.final
-    problem = replace_torque(search.problem, joint, drive.hit.torque)
+    problem = replace_torque(search.problem, joint, drive.torque)
     after = _search(replace(search, problem=problem), before.found.shelves)
-    gain = compute_drive_gain(search, final, after.found.final, drive.hit.hit)
+    gain = compute_drive_gain(search, final, after.found.final, drive)
     own, other = (
         sum(one.log_prior for one in solution.accepted) for solution in (after.found.final, final)
     )
-    worth = float(gain.sum()) + drive.hit.hit.candidate.log_prior + own - other
+    worth = float(gain.sum()) + drive.hit.candidate.log_prior + own - other
     drive = replace(drive, gain=gain, before=float(final.errors[joint]))
     after = replace(
         after,

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from gimbal_pin.diagnosis.explanation import Explanation
-from gimbal_pin.diagnosis.prepare import HIDES_INERTIA, PreparedLogs
+from gimbal_pin.diagnosis.prepare import PreparedLogs
 from gimbal_pin.diagnosis.result import Diagnosis
 from gimbal_pin.diagnosis.uncertainty import compute_covariance, compute_white_covariance
 from gimbal_pin.dynamics.model import Model
@@ -27,7 +27,7 @@ from gimbal_pin.identification import (
 )
 from gimbal_pin.identification.given_model import describe_friction, describe_inertia
 from gimbal_pin.log.log import Log
-from gimbal_pin.regression import Filtering
+from gimbal_pin.regression import Filtering, subsample_log
 from gimbal_pin.rig.rig import Rig
 
 
@@ -68,7 +68,7 @@ def _describe_inertias(
     problem = explanation.search.problem
     rotors = problem.rig.armature.tolist()
     for joint, row, rotor in zip(problem.rig.joints, problem.inertia, rotors):
-        if joint in diagnosis.unexplained or _is_hidden(prepared, joint):
+        if joint in diagnosis.unexplained or prepared.hides_inertia(joint):
             continue
         imitators = [
             one.cause
@@ -112,7 +112,7 @@ def state_payload_with_causes(
         with suppress(GimbalPinError):
             found = identify(
                 apply_changes(rig, model.changes),
-                logs,
+                [subsample_log(log).log for log in logs],
                 refittable_effects(model),
                 holdout=holdout,
                 filtering=filtering,
@@ -122,11 +122,3 @@ def state_payload_with_causes(
     difference = compute_base_difference(diagnosis.explanation, model)
     before, after = (given_beta(x, difference.reduction) for x in (difference.rig, model.rig))
     return state_payload(replace(difference, change=after - before), mass)
-
-
-def _is_hidden(prepared: PreparedLogs, joint: str) -> bool:
-    """Return whether noise of the acceleration attenuates a joint's inertia."""
-    return any(
-        one.joint == joint and one.cause == HIDES_INERTIA and not one.slight
-        for one in prepared.faults
-    )

@@ -107,7 +107,7 @@ def describe_explanation(explanation: Explanation, prepared: PreparedLogs) -> Di
     is_final = extended is explanation.found.final
     rest = explanation.rest if is_final else tuple(describe_rest(search, extended))
     verdict = choose_verdict(findings, explanation.rest)
-    if prepared.makes_physics_unreliable or (prepared.hides_inertia and not stated):
+    if prepared.makes_physics_unreliable or (prepared.hides_inertia() and not stated):
         verdict = "data"
     shifts = [extended.fit.theta[problem.get_own_columns(j).start + SHIFT] for j in problem.joints]
     diagnosis = Diagnosis(

@@ -22,8 +22,6 @@ from gimbal_pin.diagnosis.result import Diagnosis, Finding
 from gimbal_pin.diagnosis.rows import Rows, choose_band
 from gimbal_pin.diagnosis.settings import Settings
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.effects import CAUSES
-from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.errors import DataError
 from gimbal_pin.identification import greatest_base_motion
 from gimbal_pin.log.io.columns import LEAST_TRAVEL, find_joints_asked_to_rest
@@ -34,8 +32,8 @@ from gimbal_pin.rig.rig import Rig
 
 DRIVEN = 5.0
 """Least F by which the rigid model and friction must explain a joint's torque: noise gives one, any rig hundreds."""
-HIDES_INERTIA = "acceleration-noise"
-"""Fault that attenuates every inertia, so that a joint's findings are not to be believed."""
+HARMONICS_OF_ANGLE = ("cogging", "position-dependent-friction")
+"""Causes that stand out where noise of the acceleration hides inertia and gravity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +67,12 @@ class PreparedLogs:
         """True if findings on the repaired logs are not to be relied on."""
         return any(fault.makes_physics_unreliable for fault in self.faults)
 
-    @property
-    def hides_inertia(self) -> bool:
-        """True if noise of the acceleration hides what the logs could show."""
-        return any(one.cause == HIDES_INERTIA and not one.slight for one in self.faults)
+    def hides_inertia(self, joint: str | None = None) -> bool:
+        """Return whether noise of the acceleration attenuates a joint's inertia; None: that of any joint."""
+        return any(
+            x.cause == "acceleration-noise" and not x.slight and joint in (None, x.joint)
+            for x in self.faults
+        )
 
     def with_fault(self, fault: Fault) -> PreparedLogs:
         """Return the logs with a fault that spoils them, before all others."""
@@ -82,23 +82,14 @@ class PreparedLogs:
         """Return whether a fault of the data or a difference of scales stands for a finding.
 
         Noise of the acceleration hides inertia and gravity, which any smooth function of the motion may then imitate.
-        Harmonics of the angle stand out all the same.
         """
-        if finding.cause == "torque-gain" and any(finding.joint in one.torques for one in scales):
-            return True
-        at_joint = [fault for fault in self.faults if fault.joint == finding.joint]
         if finding.joint is None:
             return False
-        if any(fault.makes_physics_unreliable for fault in at_joint):
+        if finding.cause == "torque-gain" and any(finding.joint in x.torques for x in scales):
             return True
-        is_hidden = any(one.cause == HIDES_INERTIA and not one.slight for one in at_joint)
-        return is_hidden and not _is_harmonic_of_angle(finding.cause)
-
-
-def _is_harmonic_of_angle(cause: str) -> bool:
-    """Return whether a cause is harmonics of a joint's angle, whatever the load."""
-    kind = CAUSES.get(cause)
-    return kind is not None and issubclass(kind, Harmonic) and not kind.loaded
+        if any(x.makes_physics_unreliable for x in self.faults if x.joint == finding.joint):
+            return True
+        return self.hides_inertia(finding.joint) and finding.cause not in HARMONICS_OF_ANGLE
 
 
 def prepare_logs(
@@ -180,30 +171,26 @@ def check_joints_move(rows: Rows, prepared: PreparedLogs) -> None:
 
 
 def check_torque_moves_joints(explanation: Explanation, prepared: PreparedLogs) -> tuple[str, ...]:
-    """Return the joints at rest whose torque is noise.
+    """Return the joints at rest whose torque is noise: neither the model nor a function of the state predicts it.
 
-    ``F = (explained / parameters) / (left / rows)`` of a fit to one joint alone. Where a function of the state predicts
-    what is left, that is not noise.
+    ``F = (explained / parameters) / (left / rows)`` of a fit to one joint alone.
 
     Raises:
         DataError: The torque of a joint has nothing to do with its motion.
     """
     problem = explanation.search.problem
-    first = explanation.found.first
     rows = problem.rows
     joints = problem.rig.joints
     resting = find_joints_asked_to_rest(prepared.logs)
     noisy = list[int]()
     for j in problem.joints:
-        columns = first.base[j][rows.inner]
-        columns = columns[:, np.any(columns != 0, axis=0)]
+        columns = explanation.found.first.base[j][rows.inner]
         torque = problem.measured[rows.inner, j]
-        left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-10)[0]
-        power = float(left @ left)
-        count = max(len(torque) * float(rows.used[j]), 1.0)
-        explained = (float(torque @ torque) - power) / max(columns.shape[1], 1)
-        is_noise = explained < DRIVEN * max(power, 1e-300) / count
-        if is_noise and explanation.rest[j].predictable == 0.0:
+        coefficients, _, rank, _ = np.linalg.lstsq(columns, torque, rcond=1e-10)
+        power = float(np.sum((torque - columns @ coefficients) ** 2))
+        explained = (float(torque @ torque) - power) / max(rank, 1)
+        each = power / max(len(torque) * float(rows.used[j]), 1.0)
+        if explained < DRIVEN * each + 1e-300 and explanation.rest[j].predictable == 0.0:
             noisy.append(j)
     idle = tuple(joints[j] for j in noisy if j in resting)
     undriven = tuple(joints[j] for j in noisy if j not in resting)

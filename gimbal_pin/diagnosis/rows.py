@@ -55,6 +55,8 @@ SPECTRUM_SECONDS = 8.0
 """Length of the segments of that spectrum, s."""
 LINE_NEIGHBOURS = 33
 """Number of frequencies that the median is taken over."""
+COLUMNS_AT_A_TIME = 16
+"""Columns that are transformed together: a minute of them stays in a processor's cache."""
 
 Indices = NDArray[np.intp]
 
@@ -76,8 +78,6 @@ class Stretch:
         logged: The torque before it was smoothed, on which a drive's law without memory acts.
         temperature: Motor temperatures, °C, (m, n); None: not logged.
         losses: What each motor turned into heat since its log began, (n).
-        angle_noise: Deviation of the angles' noise from sample to sample of the log, rad, (n,).
-        rate_noise: The same of logged rates, rad/s, (n,); None: not logged.
     """
 
     log: int
@@ -92,26 +92,26 @@ class Stretch:
     logged: UnfilteredTorque
     temperature: Array | None
     losses: tuple[Losses, ...]
-    angle_noise: Array
-    rate_noise: Array | None
-
-    def compute_acceleration_noise(self, joint: int, frequencies: Array) -> Array:
-        """Return the power of a joint's acceleration noise per row over frequencies, (rad/s²)².
-
-        The sensor's noise is white at the log's rate: ``ω⁴ σ_q²``, or ``ω² σ_v²`` of a logged rate where that is less.
-        """
-        omega2 = (2 * np.pi * frequencies) ** 2
-        power = float(self.angle_noise[joint]) ** 2 * omega2**2
-        if self.rate_noise is not None:
-            power = np.minimum(power, float(self.rate_noise[joint]) ** 2 * omega2)
-        per_row = self.count / (len(self.time) * self.logged.step)
-        return np.asarray(power * per_row)
 
     def project(self, signals: Array, joint: int) -> Array:
         """Return the rows of signals (m, k) at a joint: weighted, band-limited and decimated, (M, k)."""
-        weighted = np.ascontiguousarray(signals.T) * self.weight[:, joint]
-        spectrum = fft.rfft(weighted, axis=1)[:, : len(self.fade)] * self.fade
-        return np.asarray(fft.irfft(spectrum, self.count, axis=1).T) * (self.count / len(signals))
+        rows = np.empty((self.count, signals.shape[1]))
+        gain = (self.fade * (self.count / len(signals)))[:, None]
+        for first in range(0, signals.shape[1], COLUMNS_AT_A_TIME):
+            own = slice(first, first + COLUMNS_AT_A_TIME)
+            spectrum = fft.rfft(signals[:, own] * self.weight[:, joint, None], axis=0)
+            rows[:, own] = fft.irfft(spectrum[: len(gain)] * gain, self.count, axis=0)
+        return rows
+
+    @property
+    def frequencies(self) -> Array:
+        """Frequencies of the rows, Hz, (M // 2 + 1,)."""
+        return np.arange(self.count // 2 + 1) / (len(self.time) * self.dt)
+
+    @property
+    def places(self) -> Indices:
+        """Sample at the time of each row, (M,)."""
+        return np.arange(self.count) * len(self.time) // self.count
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,21 +141,15 @@ class Rows:
 
     def sample(self, name: str) -> Array:
         """Return a channel, or "time", "weight", at the times of the rows, (N, ...)."""
-        channels = list[Array]()
-        for part in self.stretches:
-            own = part if name in ("time", "weight") else part.samples
-            picked = np.arange(part.count) * len(part.time) // part.count
-            channels.append(getattr(own, name)[picked])
-        return np.concatenate(channels)
+        owners = [x if name in ("time", "weight") else x.samples for x in self.stretches]
+        pairs = zip(owners, self.stretches)
+        return np.concatenate([getattr(owner, name)[part.places] for owner, part in pairs])
 
     @property
     def inner_samples(self) -> NDArray[np.bool_]:
         """True for samples of all stretches that belong to inner rows, (all m,)."""
-        masks = list[NDArray[np.bool_]]()
-        for part in self.stretches:
-            row = np.arange(len(part.time)) * part.count // len(part.time)
-            masks.append(part.block[row] != OUTER)
-        return np.concatenate(masks)
+        rows = [np.arange(len(x.time)) * x.count // len(x.time) for x in self.stretches]
+        return np.concatenate([x.block[at] != OUTER for x, at in zip(self.stretches, rows)])
 
     @property
     def has_outer(self) -> bool:
@@ -175,14 +169,17 @@ class Rows:
     @property
     def fold_of_rows(self) -> Indices:
         """Fold of each inner row."""
-        return np.repeat(
-            np.arange(len(self.folds)), [fold.stop - fold.start for fold in self.folds]
-        )
+        block = np.concatenate([part.block for part in self.stretches])
+        return block[self.inner]
 
     def count_effective_rows(self) -> Array:
         """Return effective rows of each fold at each joint, (K, n): squared weights, less what fades."""
-        lengths = np.array([fold.stop - fold.start for fold in self.folds])
+        lengths = np.bincount(self.fold_of_rows)
         return np.maximum(FADE_ROWS * lengths[:, None] * self.used, 1e-6)
+
+    def split(self, rows: Array) -> list[Array]:
+        """Return rows (N, ...) by stretch."""
+        return np.split(rows, np.cumsum([part.count for part in self.stretches])[:-1])
 
     def project(self, signals: Sequence[Array], joint: int) -> Array:
         """Return the rows of signals, (m,) or (m, k) per stretch, at a joint, (N, k)."""
@@ -197,34 +194,22 @@ class Rows:
 
     def filter(self, rows: Array, gain: Array, frequencies: Array) -> Array:
         """Return rows (N, k) filtered without phase by a gain over some frequencies."""
-        filtered = np.empty_like(rows)
-        first = 0
-        for part in self.stretches:
-            own = slice(first, first + part.count)
-            first += part.count
-            spectrum = fft.rfft(np.ascontiguousarray(rows[own].T), axis=1)
-            at = np.interp(self.get_frequencies(part), frequencies, gain)
-            filtered[own] = fft.irfft(spectrum * at, part.count, axis=1).T
-        return filtered
-
-    def get_frequencies(self, part: Stretch) -> Array:
-        """Return the frequencies of a stretch's rows, Hz."""
-        return np.arange(part.count // 2 + 1) / part.count * 2 * self.band
+        filtered = list[Array]()
+        for part, own in zip(self.stretches, self.split(rows)):
+            spectrum = fft.rfft(own, axis=0)
+            spectrum *= np.interp(part.frequencies, frequencies, gain)[:, None]
+            filtered.append(fft.irfft(spectrum, part.count, axis=0))
+        return np.concatenate(filtered)
 
     def estimate_spectrum(self, rows: Array, joint: int, frequencies: Array) -> Array:
         """Return the smoothed power of rows (N,) at a joint over evenly spaced frequencies, per effective row."""
-        power = np.zeros(len(frequencies))
-        count = np.zeros(len(frequencies))
-        first = 0
-        for part in self.stretches:
-            own = np.abs(fft.rfft(rows[first : first + part.count])) ** 2 / part.count
-            first += part.count
-            bins = (self.get_frequencies(part) / frequencies[1] + 0.5).astype(int)
-            bins = np.minimum(bins, len(power) - 1)
-            np.add.at(power, bins, own)
-            np.add.at(count, bins, 1)
+        power = np.concatenate([np.abs(fft.rfft(x)) ** 2 / len(x) for x in self.split(rows)])
+        bins = np.concatenate([part.frequencies for part in self.stretches]) / frequencies[1]
+        bins = np.minimum((bins + 0.5).astype(int), len(frequencies) - 1)
+        count = np.bincount(bins, minlength=len(frequencies))
+        total = np.bincount(bins, power, len(frequencies))
         filled = count > 0
-        mean = np.interp(frequencies, frequencies[filled], power[filled] / count[filled])
+        mean = np.interp(frequencies, frequencies[filled], total[filled] / count[filled])
         smooth = np.convolve(np.pad(mean, 1, mode="edge"), [0.25, 0.5, 0.25], "valid")
         return smooth / max(float(self.used[joint]), 1e-9)
 
@@ -275,45 +260,18 @@ def build_rows(
         UsageError: There is no such holdout.
         DataError: No part of the logs is long enough.
     """
-    given = filtering or Filtering(smoothing=settings.smoothing)
-    filtering = replace(given, cutoff=band)
-    stretches = list[Stretch]()
-    for number, log in enumerate(logs):
-        for segment in split_segments(log, band):
-            stretch = _build_stretch(rig, segment, number, filtering, settings)
-            if stretch is not None:
-                stretches.append(stretch)
+    filtering = replace(filtering or Filtering(smoothing=settings.smoothing), cutoff=band)
+    tried = [
+        _build_stretch(rig, segment, number, filtering, settings)
+        for number, log in enumerate(logs)
+        for segment in split_segments(log, band)
+    ]
+    stretches = [part for part in tried if part is not None]
     if not stretches:
         raise DataError(
             logs[0].name, "has no stretch of time long enough to judge", "record at least 10 s"
         )
-    if holdout is None:
-        return _divide_rows(rig, stretches, band, settings)
-    outer, how = _choose_outer_rows(stretches, len(logs), holdout)
-    return _divide_rows(rig, stretches, band, settings, outer, how)
-
-
-def _choose_outer_rows(
-    stretches: Sequence[Stretch], logs: int, holdout: str
-) -> tuple[list[NDArray[np.bool_]], str]:
-    """Return the outer rows of each stretch that were asked for, and how they are told."""
-    if holdout == "none":
-        return [np.zeros(part.count, bool) for part in stretches], "none"
-    if holdout == "last-third":
-        ends = {part.log: float(part.time[-1]) for part in stretches}
-        times = [
-            part.time[np.arange(part.count) * len(part.time) // part.count] for part in stretches
-        ]
-        outer = [t > 2 / 3 * ends[part.log] for t, part in zip(times, stretches)]
-        return outer, "last third"
-    match = re.fullmatch(r"log:(\d+)", holdout)
-    number = int(match[1]) if match else 0
-    if not 1 <= number <= logs or logs < 2:
-        several = f", or log:1 to log:{logs}" if logs > 1 else "; log:N takes several logs"
-        raise UsageError("--holdout", f"cannot be '{holdout}'", f"use last-third or none{several}")
-    return [
-        np.full(part.count, part.log == number - 1) for part in stretches
-    ], f"log {number} of {logs}"
+    return _divide_rows(rig, stretches, band, settings, len(logs), holdout)
 
 
 def _build_stretch(
@@ -333,39 +291,29 @@ def _build_stretch(
     grid = samples.t
     samples = samples.select(kept)
     dt = segment.dt * step
-    count = max(2 * round(len(samples.t) * dt * filtering.cutoff), 8)
+    # Rows of a length whose transform is fast: up to 2 % more than two per period of the cutoff.
+    count = 2 * fft.next_fast_len(max(round(len(samples.t) * dt * filtering.cutoff), 4))
     frequencies = fft.rfftfreq(len(samples.t), dt)[: count // 2 + 1]
     left = np.clip((filtering.cutoff - frequencies) / (FADE_SHARE * filtering.cutoff), 0.0, 1.0)
+    start = float(segment.log.t[0])
+    warm = segment.log.temperature
+    assert segment.log.tau is not None
     return Stretch(
         log=log,
         samples=samples,
         direction=compute_direction(samples.v, samples.a, dt),
         weight=np.asfortranarray(weight),
         dt=dt,
-        time=samples.t - float(segment.log.t[0]),
+        time=samples.t - start,
         count=count,
         fade=0.5 - 0.5 * np.cos(np.pi * left),
         block=np.zeros(count, np.intp),
         logged=UnfilteredTorque.of(segment, filtering, grid, step),
-        temperature=_resample_temperature(segment.log, samples.t),
-        losses=_collect_losses(segment.log, samples.t),
-        angle_noise=signals.noise_std(segment.log.q),
-        rate_noise=None if segment.log.v is None else signals.noise_std(segment.log.v),
+        temperature=None if warm is None else signals.resample(segment.log.t, warm, samples.t),
+        losses=tuple(
+            Losses.along(segment.log.t - start, tau, samples.t - start) for tau in segment.log.tau.T
+        ),
     )
-
-
-def _collect_losses(log: Log, t: Array) -> tuple[Losses, ...]:
-    """Return what each motor turned into heat since a log began, at some times."""
-    assert log.tau is not None
-    start = float(log.t[0])
-    return tuple(Losses.along(log.t - start, tau, t - start) for tau in log.tau.T)
-
-
-def _resample_temperature(log: Log, t: Array) -> Array | None:
-    """Return motor temperatures at some times, °C, (m, n)."""
-    if log.temperature is None:
-        return None
-    return np.stack([np.interp(t, log.t, x) for x in log.temperature.T], axis=1)
 
 
 def _weigh_samples(
@@ -393,51 +341,74 @@ def _divide_rows(
     stretches: Sequence[Stretch],
     band: float,
     settings: Settings,
-    asked: Sequence[NDArray[np.bool_]] | None = None,
-    how: str = "every fifth block",
+    logs: int,
+    holdout: str | None,
 ) -> Rows:
-    """Number the blocks; of a long log every so manieth is an outer one. Joints that stand throughout weigh nothing.
+    """Number the blocks of rows and choose the outer ones; joints that stand throughout weigh nothing.
 
     Args:
         rig: The rig.
         stretches: The stretches.
         band: Highest frequency, Hz.
         settings: Constants.
-        asked: The outer rows of each stretch that were asked for.
-        how: How the outer rows were chosen.
+        logs: Number of logs.
+        holdout: As for `build_rows`.
     """
-    seconds = sum(part.count for part in stretches) / (2 * band)
-    is_long = seconds >= settings.long_seconds and asked is None
-    outer_share = settings.outer_share if is_long else 0
-    blocks = settings.folds + (settings.folds // (outer_share - 1) if is_long else 0)
-    size = max(settings.block_seconds, seconds / blocks)
-    counts = [max(1, round(part.count / (2 * band) / size)) for part in stretches]
-    if sum(counts) < FEWEST_FOLDS:
-        counts = [-(-FEWEST_FOLDS // len(stretches))] * len(stretches)
-    divided = list[Stretch]()
-    number = 0
-    fold = 0
-    for part, count in zip(stretches, counts):
-        own = np.empty(part.count, np.intp)
-        edges = np.linspace(0, part.count, count + 1).round().astype(int)
-        for first, last in pairwise(edges):
-            is_outer = outer_share and number % outer_share == outer_share // 2
-            own[first:last] = OUTER if is_outer else fold
-            fold += not is_outer
-            number += 1
-        if asked is not None:
-            own[asked[len(divided)]] = OUTER
-        divided.append(replace(part, block=own))
-    block = np.concatenate([part.block for part in divided])
-    inner = block != OUTER
-    if asked is not None and how != "none" and (inner.all() or not inner.any()):
+    seconds = np.array([part.dt * len(part.time) for part in stretches])
+    is_long = seconds.sum() >= settings.long_seconds and holdout is None
+    every = settings.outer_share if is_long else 0
+    blocks = settings.folds * every // (every - 1) if every else settings.folds
+    size = max(settings.block_seconds, seconds.sum() / blocks)
+    counts = np.maximum(np.round(seconds / size), 1).astype(int)
+    if counts.sum() < FEWEST_FOLDS:
+        counts[:] = -(-FEWEST_FOLDS // len(stretches))
+    numbers = [np.arange(x.count) * count // x.count for x, count in zip(stretches, counts)]
+    number = np.concatenate([x + first for x, first in zip(numbers, np.cumsum(counts) - counts)])
+    if holdout is None:
+        outer = number % every == every // 2 if every else number < 0
+        how = "every fifth block"
+    else:
+        outer, how = _choose_outer_rows(stretches, logs, holdout)
+    inner = ~outer
+    begins = np.diff(number[inner], prepend=-1) != 0
+    block = np.full(len(number), OUTER)
+    block[inner] = np.cumsum(begins) - 1
+    edges = [*np.flatnonzero(begins).tolist(), len(begins)]
+    folds = tuple(slice(first, last) for first, last in pairwise(edges))
+    moves = np.ptp(np.concatenate([part.samples.q for part in stretches]), axis=0) >= LEAST_TRAVEL
+    divided = tuple(
+        replace(part, block=own, weight=part.weight * moves)
+        for part, own in zip(
+            stretches, np.split(block, np.cumsum([x.count for x in stretches])[:-1])
+        )
+    )
+    used = np.mean(np.concatenate([part.weight for part in divided]) ** 2, axis=0)
+    return Rows(rig, divided, band, inner, folds, used, how)
+
+
+def _choose_outer_rows(
+    stretches: Sequence[Stretch], logs: int, holdout: str
+) -> tuple[NDArray[np.bool_], str]:
+    """Return the outer rows that were asked for, (N,), and how they are described."""
+    log = np.repeat([part.log for part in stretches], [part.count for part in stretches])
+    time = np.concatenate([part.time[part.places] for part in stretches])
+    if holdout == "none":
+        return log < 0, "none"
+    match = re.fullmatch(r"log:(\d+)", holdout)
+    number = int(match[1]) if match else 0
+    if holdout == "last-third":
+        ends = np.zeros(logs)
+        np.maximum.at(ends, log, time)
+        outer = time > 2 / 3 * ends[log]
+        how = "last third"
+    elif 1 <= number <= logs and logs > 1:
+        outer = log == number - 1
+        how = f"log {number} of {logs}"
+    else:
+        several = f", or log:1 to log:{logs}" if logs > 1 else "; log:N takes several logs"
+        raise UsageError("--holdout", f"cannot be '{holdout}'", f"use last-third or none{several}")
+    if outer.all() or not outer.any():
         raise UsageError(
             "--holdout", f"{how} leaves no row on one side", "hold out another part, or 'none'"
         )
-    ends = np.r_[0, np.flatnonzero(np.diff(block[inner])) + 1, np.count_nonzero(inner)].tolist()
-    folds = tuple(slice(first, last) for first, last in pairwise(ends))
-    q = np.concatenate([part.samples.q for part in divided])
-    moves = np.ptp(q, axis=0) >= LEAST_TRAVEL
-    divided = [replace(part, weight=part.weight * moves) for part in divided]
-    weights = np.concatenate([part.weight for part in divided])
-    return Rows(rig, tuple(divided), band, inner, folds, np.mean(weights**2, axis=0), how)
+    return outer, how

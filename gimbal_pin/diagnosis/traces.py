@@ -139,8 +139,8 @@ def _compute_logged_loss(model: Model, part: Stretch, signal: Signal, joint: int
     """
     logged = part.logged.tau[:, joint]
     loss = logged - signal.acting(logged, part.dt / part.logged.step)
-    lags = model.estimated.lags if model.estimated else ()
-    return part.logged.smoothed(loss, lags[joint] if lags else 0.0)
+    lags = () if model.estimated is None else model.estimated.lags
+    return part.logged.smoothed(loss[:, None], lags[joint] if lags else 0.0)[:, 0]
 
 
 def _compute_load(model: Model, part: Stretch, joint: int, asked: Array) -> JointLoad:

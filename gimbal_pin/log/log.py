@@ -318,8 +318,10 @@ class Log(Record):
             raise LogError(f"{self.name}: sample {late[0]}", *late[1:])
         if not self.digest:
             recorded = (self.t, self.q) if self.tau is None else (self.t, self.q, self.tau)
-            content = b"".join(np.ascontiguousarray(values).tobytes() for values in recorded)
-            object.__setattr__(self, "digest", hashlib.sha256(content).hexdigest())
+            digest = hashlib.sha256()
+            for values in recorded:
+                digest.update(np.ascontiguousarray(values).data)
+            object.__setattr__(self, "digest", digest.hexdigest())
 
     def __reduce__(self) -> tuple[type[Log], tuple[Any, ...]]:
         """Make it pass between processes, which read-only views of dictionaries do not."""

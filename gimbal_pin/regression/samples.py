@@ -335,9 +335,9 @@ class UnfilteredTorque(NamedTuple):
         )
 
     def smoothed(self, torque: Array, late: float = 0.0) -> Array:
-        """Resample and smooth a torque at the samples of the log, N m, (L,), as theirs was: (m,); `late`: later, s."""
-        even = signals.resample(self.t + late, torque[:, None], self.grid)
-        return np.asarray(signals.zero_phase(even, self.sections)[:: self.step, 0])
+        """Return torques at the log's samples, N m, (L, k), resampled and smoothed, (m, k); `late`: later by that, s."""
+        even = signals.resample(self.t + late, torque, self.grid)
+        return np.asarray(signals.zero_phase(even, self.sections)[:: self.step])
 
 
 def compute_lost_impulse(segment: Segment, filtering: Filtering, grid: Array) -> Array:

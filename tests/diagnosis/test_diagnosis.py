@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import Diagnosis, diagnose
-from gimbal_pin.diagnosis.commands import measure_command
+from gimbal_pin.diagnosis.commands import DriveTest
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import CAUSES, Saturation, parse_effect
 from gimbal_pin.errors import DataError
@@ -163,7 +163,7 @@ def test_no_limit_below_the_torques_that_move_a_joint_gains() -> None:
     for joint, seen in enumerate(search.problem.ranges):
         for share in (0.05, 0.2, 0.4, 0.7):
             limit = Saturation.inside(RIG.joints[joint], share * seen.peak, 0)
-            hit = measure_command(search, explanation.found.final, joint, limit, 0.0).hit
+            hit = DriveTest(search, explanation.found.final, joint).measure([limit], 0.0)[0].hit
             assert hit.gain < 0, (joint, share)
 
 

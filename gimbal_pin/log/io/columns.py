@@ -277,7 +277,10 @@ def _select_whole_rows(
             mend = "fill it in or delete the row; put columns of another rate into a.csv+b.csv"
             raise LogError(place, f"is empty or nan, and {lack}", mend)
         said.append(f"{place}: is empty or nan: {lack} and are left out")
-    twice = find_repeated_rows({column: values[full] for column, values in raw.items()})
+    if len(full) < count:
+        twice = find_repeated_rows({column: values[full] for column, values in raw.items()})
+    else:  # a copy of all rows would be large
+        twice = find_repeated_rows(raw)
     if 0 < np.sum(twice) <= most:
         place = table.place(int(full[twice][0]), time.column)
         said.append(

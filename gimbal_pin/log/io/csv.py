@@ -82,7 +82,9 @@ class CsvTable:
         from tqdm import tqdm
 
         index = {column: self.columns.index(column) for column in columns}
-        arrays = []
+        # As many rows as there are lines, some of them blank: no part is held twice.
+        values = np.empty((len(index), self.body.count(b"\n") + 1))
+        count = 0
         line = self.first
         start = 0
         size = len(self.body) if b'"' in self.body else BLOCK
@@ -103,18 +105,19 @@ class CsvTable:
                 _check_length(f"{self.name}:{line + body[:begin].count(10)}", len(body) - begin)
                 part = replace(self, body=self._plain(body), first=line)
                 if part.body.strip():
-                    arrays.append(part._numbers(index))
+                    numbers = part._numbers(index)
+                    rows = slice(count, count + len(next(iter(numbers.values()))))
+                    for row, place in zip(values, index.values()):
+                        row[rows] = numbers[place]
+                    count = rows.stop
                 bar.update(end - start)
                 start = end
                 line = line + body.count(b"\n")
-        if not arrays:
+        if not count:
             raise LogError(
                 f"{self.name}:{self.first}", "has a header but no rows", "give a file with samples"
             )
-        whole = {
-            column: np.concatenate([array[place] for array in arrays])
-            for column, place in index.items()
-        }
+        whole = dict(zip(index, values[:, :count]))
         return {
             column: unwrap_midnight(x) if index[column] in self.stamps else x
             for column, x in whole.items()
