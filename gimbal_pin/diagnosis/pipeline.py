@@ -13,7 +13,6 @@ from gimbal_pin.diagnosis.explanation import Explanation, choose_explanation
 from gimbal_pin.diagnosis.given_model import compare_given_model, state_payload_with_causes
 from gimbal_pin.diagnosis.held_out import measure_held_out
 from gimbal_pin.diagnosis.model import build_model
-from gimbal_pin.diagnosis.planning import compute_detection_limits, list_untestable
 from gimbal_pin.diagnosis.prepare import (
     PreparedLogs,
     check_joints_move,
@@ -29,6 +28,7 @@ from gimbal_pin.diagnosis.search import Solution
 from gimbal_pin.diagnosis.settings import SETTINGS, Settings
 from gimbal_pin.diagnosis.several import find_disagreement
 from gimbal_pin.diagnosis.uncertainty import compute_covariance
+from gimbal_pin.diagnosis.visibility import compute_detection_limits, list_untestable
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import DataError
 from gimbal_pin.log.log import Log
@@ -123,7 +123,7 @@ def describe_explanation(explanation: Explanation, prepared: PreparedLogs) -> Di
         residual=describe_residuals(explanation, rest),
         candidate=find_nearest_candidate(explanation) if verdict == "unknown" else None,
         immaterial=list_immaterial(explanation),
-        untestable=list_untestable(explanation, findings),
+        untestable=list_untestable(explanation, [(one.cause, one.joint) for one in findings]),
         detection_limit=compute_detection_limits(explanation),
         alignment=dict(zip(rig.joints, np.array(shifts).tolist())),
         held_out=measure_held_out(original, explanation.refitted, extended),

@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 from gimbal_pin.checks import Alteration, Fault, describe_parameters, list_alterations
 from gimbal_pin.diagnosis.explanation import Explanation
 from gimbal_pin.diagnosis.held_out import HeldOut
-from gimbal_pin.diagnosis.planning import NextExperiment, Untestable
+from gimbal_pin.diagnosis.planning import NextExperiment
+from gimbal_pin.diagnosis.visibility import Untestable
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Cause, Term
 from gimbal_pin.effects.parameter import Parameter

@@ -1,0 +1,174 @@
+"""What logs show: the gain that a hidden cause is expected to have, and what is too small or too alike to be seen.
+
+A model's columns leave the whitened power p of a further torque in n rows. Its cause is expected to gain
+
+    E[D] = n/2 log(1 + p/n),   std(D) = √(2 E[D])
+
+nats, as the log ratio of two normal densities whose means are δ deviations apart has mean δ²/2 and deviation δ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import log, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.diagnosis.candidates import DRIVES, Candidate, list_candidates
+from gimbal_pin.diagnosis.explanation import Explanation
+from gimbal_pin.diagnosis.score import BlockFit, Gains, Pack
+from gimbal_pin.diagnosis.search import LEAST_LEFT, Search
+from gimbal_pin.effects import CAUSES, Cause, Effect, RigEffect
+from gimbal_pin.log.log import Array
+
+NINETEEN_OF_TWENTY = 1.645
+"""Deviations below the mean above which a normal variable is in 19 of 20 cases."""
+
+Group = tuple[Sequence[Candidate], Pack]
+"""Candidates with their whitened columns."""
+
+
+class Form(NamedTuple):
+    """A form of a cause.
+
+    Attributes:
+        candidate: The form.
+        remaining: Share of its power that the model without causes leaves.
+        power: The same whitened power of a torque whose first coefficient is one.
+    """
+
+    candidate: Candidate
+    remaining: float
+    power: float
+
+
+@dataclass(frozen=True)
+class Untestable:
+    """A cause that these logs cannot show.
+
+    Attributes:
+        cause: Its name.
+        joint: Its joint; None: the whole rig.
+        why: The reason, as a clause.
+    """
+
+    cause: str
+    joint: str | None
+    why: str
+
+
+def get_joint(place: str) -> str | None:
+    """Return the joint of a place; None: the whole rig."""
+    return None if place == "rig" else place
+
+
+def compute_expected_gain(power: float, rows: float) -> float:
+    """``E[D] = n/2 log(1 + p/n)``, nats, of a whitened power p in n effective rows."""
+    return float(0.5 * rows * np.log1p(max(power, 0.0) / rows))
+
+
+def compute_size(gain: float, power: float, rows: float) -> float:
+    """Return the size at which a torque of whitened power p at size 1 is expected to have a gain, nats."""
+    return float(np.sqrt(rows * np.expm1(2 * gain / rows) / max(power, 1e-300)))
+
+
+def compute_sure_gain(nats: float, deviations: float) -> float:
+    """Return the expected gain of which 19 of 20 logs give these nats and these standard errors."""
+    root = NINETEEN_OF_TWENTY / sqrt(2)
+    gain = (root + sqrt(root**2 + max(nats, 0.0))) ** 2
+    return max(gain, 2 * (deviations + NINETEEN_OF_TWENTY) ** 2)
+
+
+def compute_detection_limits(explanation: Explanation) -> dict[str, float]:
+    """Return joint → torque of a further cause with one coefficient that would have been found, N m rms.
+
+    It is what the model leaves of the cause's torque, with the spectrum of the joint's own torque, in 19 of 20 logs.
+    """
+    search = explanation.search
+    problem = search.problem
+    settings = problem.settings
+    fit = explanation.found.final.fit
+    limits = dict[str, float]()
+    for j, joint in enumerate(problem.rig.joints):
+        count = len(list_candidates(problem.rig, j, problem.ranges[j]))
+        gain = compute_sure_gain(settings.gain_nats + log(count), search.least_deviations)
+        white = search.whitening.apply(problem.rows, problem.measured[:, [j]], j)
+        power = float(fit.weight[j] * np.sum(white**2))
+        share = compute_size(gain, power, max(float(fit.rows[:, j].sum()), 1.0))
+        limits[joint] = max(settings.material_share, share) * float(problem.torque_rms[j])
+    return limits
+
+
+def list_groups(explanation: Explanation) -> list[Group]:
+    """Return all candidates with their whitened columns, by joint and of the whole rig."""
+    search = explanation.search
+    theta = explanation.found.first.fit.theta
+    groups: list[Group] = [(shelf.candidates, shelf.pack) for shelf in explanation.found.shelves]
+    for change in search.changes:
+        pack = search.pack(change.build_columns(search.problem, theta))
+        groups.append(([change.candidate], pack))
+    return groups
+
+
+def list_forms(
+    explanation: Explanation, groups: Sequence[Group]
+) -> dict[tuple[str, str], list[Form]]:
+    """Return name and place of every cause → its forms."""
+    forms = dict[tuple[str, str], list[Form]]()
+    for candidates, pack in groups:
+        gains = explanation.found.first.fit.measure(pack)
+        power = 1 / np.maximum(gains.covariance[:, 0, 0], 1e-300)
+        for form in map(Form, candidates, gains.remaining.tolist(), power.tolist()):
+            forms.setdefault((form.candidate.name, form.candidate.place), []).append(form)
+    return forms
+
+
+def shows_in_motion(kind: type[Cause]) -> bool:
+    """Return whether the motion alone tells what a cause adds; else it acts on the command."""
+    return issubclass(kind, Effect | RigEffect) or kind.name in DRIVES
+
+
+def list_untestable(
+    explanation: Explanation, found: Sequence[tuple[str, str | None]]
+) -> tuple[Untestable, ...]:
+    """Return the causes of which the model without causes explains all, whatever their shape.
+
+    Args:
+        explanation: The models.
+        found: Causes and joints of the findings, which are shown.
+    """
+    rig = explanation.search.problem.rig
+    forms = list_forms(explanation, list_groups(explanation))
+    hidden = list[Untestable]()
+    for kind in CAUSES.values():
+        if kind.of_given_model or not shows_in_motion(kind):
+            continue
+        for place in rig.joints if kind.of_joint else ("rig",):
+            joint = get_joint(place)
+            tried = forms.get((kind.name, place), [])
+            # A gain is hidden if that of both directions is, whatever shows of one direction.
+            coupled = [form for form in tried if form.candidate.cause.coupled]
+            is_shown = any(form.remaining >= LEAST_LEFT for form in coupled or tried)
+            if not (is_shown or (kind.name, joint) in found or kind.is_stated(place, rig)):
+                hidden.append(Untestable(kind.name, joint, kind.hidden))
+    return tuple(hidden)
+
+
+def whiten_torque(search: Search, rows: Mapping[int, Array]) -> Array:
+    """Return joint → rows (N,) of a torque as inner whitened rows, (N, n)."""
+    white = np.zeros((np.count_nonzero(search.problem.rows.inner), search.problem.rig.n))
+    for j, torque in rows.items():
+        white[:, j] = search.whitening.apply(search.problem.rows, torque[:, None], j)[:, 0]
+    return white
+
+
+def measure_remaining_power(fit: BlockFit, pack: Pack) -> tuple[Array, Gains]:
+    """Return the power that a fit leaves of its torque beside each group of a pack, (G,), and the groups' gains."""
+    targets = {
+        j: np.array([fit.target[fold, j] @ x[fold] for fold in fit.folds])
+        for j, x in pack.columns.items()
+    }
+    gains = fit.measure(replace(pack, targets=targets))
+    return np.asarray(np.sum(gains.errors * fit.weight, axis=(1, 2))), gains
