@@ -147,7 +147,7 @@ def test_a_clean_log_is_silent_and_states_its_limits() -> None:
     found = find("turret")
     assert found.verdict == "nothing"
     assert not found.findings and not found.unexplained and found.candidate is None
-    assert not found.is_extended
+    assert not found.lacking
     level = dict(zip(RIG.joints, np.std(np.asarray(log_of().tau), axis=0)))
     assert found.detection_limit.keys() == level.keys()
     for joint, limit in found.detection_limit.items():

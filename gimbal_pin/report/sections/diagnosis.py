@@ -64,7 +64,7 @@ OPEN = 0.5
 
 def show_diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
-    is_good = found.verdict_without_platform == "nothing" and not found.unexplained
+    is_good = found.is_silent and not found.unexplained
     headline = paragraph(state_verdict(found), f"headline {'good' if is_good else 'fair'}")
     remarks = [paragraph(one) for one in list_remarks(found)]
     beside = [headline, *remarks, *state_model_errors(found)]
