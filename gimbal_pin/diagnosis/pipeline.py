@@ -6,8 +6,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from gimbal_pin.checks import compare_scales
 from gimbal_pin.diagnosis.answer import choose_verdict, list_findings
 from gimbal_pin.diagnosis.explanation import Explanation, choose_explanation
@@ -21,7 +19,6 @@ from gimbal_pin.diagnosis.prepare import (
     prepare_logs,
     report_spoilt_logs,
 )
-from gimbal_pin.diagnosis.problem import SHIFT
 from gimbal_pin.diagnosis.rest import Rest, describe_rest
 from gimbal_pin.diagnosis.result import Candidate, Diagnosis, Finding, Residual, Slight
 from gimbal_pin.diagnosis.rows import build_rows
@@ -130,13 +127,14 @@ def describe_explanation(
     verdict = choose_verdict(findings, explanation.rest)
     if prepared.makes_physics_unreliable or (prepared.hides_inertia and not stated):
         verdict = "data"
-    shifts = [extended.fit.theta[problem.get_own_columns(j).start + SHIFT] for j in problem.joints]
+    after = build_model(problem, extended, stated, compute_covariance(search, extended))
+    assert after.estimated is not None
     diagnosis = Diagnosis(
         rig=rig.name,
         logs=tuple(log.name for log in prepared.logs),
         verdict=verdict,
         before=build_model(original, explanation.refitted, (), explanation.refitted.fit.covariance),
-        after=build_model(problem, extended, stated, compute_covariance(search, extended)),
+        after=after,
         faults=prepared.faults,
         notes=prepared.notes,
         statements=tuple(one.sentence for one in scales),
@@ -145,7 +143,7 @@ def describe_explanation(
         idle=idle,
         untestable=list_untestable(explanation, [(one.cause, one.joint) for one in findings]),
         detection_limit=compute_detection_limits(explanation),
-        alignment=dict(zip(rig.joints, np.array(shifts).tolist())),
+        alignment=dict(zip(rig.joints, after.estimated.lags)),
         held_out=measure_held_out(original, explanation.refitted, extended),
         explanation=explanation,
         altered=prepared.altered,

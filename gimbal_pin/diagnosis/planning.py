@@ -8,13 +8,10 @@ from math import log
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tqdm import trange
 
-from gimbal_pin.diagnosis.candidates import list_candidates
 from gimbal_pin.diagnosis.explanation import Explanation
-from gimbal_pin.diagnosis.library import pack_candidates
+from gimbal_pin.diagnosis.library import build_shelves
 from gimbal_pin.diagnosis.problem import (
-    Columns,
     build_base_rows,
     build_precision,
     build_problem,
@@ -23,25 +20,18 @@ from gimbal_pin.diagnosis.problem import (
 )
 from gimbal_pin.diagnosis.rig_causes import list_rig_changes
 from gimbal_pin.diagnosis.rows import build_rows
-from gimbal_pin.diagnosis.score import BlockFit, Pack
 from gimbal_pin.diagnosis.search import Search, split_coefficients
 from gimbal_pin.diagnosis.visibility import (
     compute_expected_gain,
     compute_sure_gain,
     list_groups,
-    measure_remaining_power,
+    measure_rivals,
     whiten_torque,
 )
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.excitation import record_log
-from gimbal_pin.excitation.clearance import Clearance
-from gimbal_pin.excitation.columns import ExcitationColumns
-from gimbal_pin.excitation.criteria import Determinant
-from gimbal_pin.excitation.design import CLEARANCE, enforce_clearance
-from gimbal_pin.excitation.fourier import LONGEST_PERIOD, Series
-from gimbal_pin.excitation.limits import Envelope
-from gimbal_pin.excitation.problem import ExcitationProblem
+from gimbal_pin.excitation import Excitation, excite, list_shown_effects, record_log
+from gimbal_pin.excitation.fourier import LONGEST_PERIOD
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.brief import brief
 
@@ -50,14 +40,10 @@ if TYPE_CHECKING:
 
 LEAST_GAIN = 1.0
 """Expected gain, nats, below which a motion separates nothing."""
-OCTAVES = 4
-"""Octaves over which the series' length is varied: from `excite`'s own of 20 s, up to 4 Hz."""
-SERIES_HARMONICS = 10
-"""Harmonics of such a series."""
-TRIES = 40
-"""Random motions that are tried; that half of them were changes of the best added a tenth to the gain in nats."""
-LIMIT_MARGIN = 0.05
-"""Share of every limit that is kept free, as `excite` keeps it."""
+PERIODS = (1, 3, 9)
+"""Periods of the motions that are compared, each designed by `excite`: some causes show slowly, others fast."""
+HARMONICS = 5
+"""Harmonics of each: twice as many took four times as long and separated no more."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +106,6 @@ def plan_next_experiment(
     rng: np.random.Generator,
     *,
     seconds: float = LONGEST_PERIOD,
-    tries: int = TRIES,
     dt: float = 1e-3,
 ) -> Diagnosis:
     """Return a diagnosis with the motion that separates its ambiguous findings from what is not told from them.
@@ -128,8 +113,7 @@ def plan_next_experiment(
     Args:
         diagnosis: The diagnosis.
         rng: Source of the motions.
-        seconds: Length of the motion, s.
-        tries: Number of motions that are tried; interrupted, the best so far is taken.
+        seconds: Length of the motion, s; interrupted, the best so far is taken.
         dt: Sampling interval of the returned motion, s.
 
     Raises:
@@ -146,26 +130,27 @@ def plan_next_experiment(
     planned = NextExperiment((*problem.rig.joints, *fixed), None, tuple(partings))
     if not any(parting.is_tried for parting in partings):
         return replace(diagnosis, planned=planned)
-    envelope = Envelope.of(problem.rig, LIMIT_MARGIN)
-    clearance = Clearance.of(problem.rig, CLEARANCE, envelope)
-    columns = ExcitationColumns.of(problem.rig)
-    tried = list[tuple[ExcitationProblem, Array]]()
+    rate = 1 / problem.rows.stretches[0].dt
+    excitations = list[Excitation]()
     gains = list[Array]()
-    try:
-        for k in trange(tries, desc="next experiment", unit="motion", disable=None, leave=False):
-            series = Series(seconds / 2 ** (k % OCTAVES), SERIES_HARMONICS)
-            limits = ExcitationProblem(
-                diagnosis.after, series, columns, Determinant(), envelope, clearance
-            )
-            x = limits.repair(limits.draw_start(rng))
-            if x is None:
-                raise limits.explain_infeasibility()
-            motion = _sample_motion(limits, x, seconds, problem.rows.stretches[0].dt)
-            gains.append(_measure_motion(diagnosis, explanation, partings, motion, rng))
-            tried.append((limits, x))
-    except KeyboardInterrupt:
-        if not tried:
-            raise
+    for periods in PERIODS:
+        excitation = excite(
+            problem.rig,
+            seconds=seconds,
+            periods=periods,
+            harmonics=HARMONICS,
+            starts=1,
+            rng=rng,
+            criterion="determinant",
+            effects=list_shown_effects(diagnosis.after, ()),
+            torque_model=diagnosis.after,
+            dt=dt,
+        )
+        excitations.append(excitation)
+        motion = excitation.sample(rate)
+        gains.append(_measure_motion(diagnosis, explanation, partings, motion, rng))
+        if not excitation.finished:
+            break
     # The motion with the largest smallest gain over what any motion separates.
     table = np.array(gains)
     possible = table.max(axis=0) >= LEAST_GAIN
@@ -176,20 +161,22 @@ def plan_next_experiment(
         replace(parting, nats_expected=gain, is_named=gain >= needed)
         if gain >= LEAST_GAIN
         else parting
-        for parting, gain in zip(partings, gains[best].tolist())
+        for parting, gain in zip(partings, table[best].tolist())
     ]
-    planned = replace(planned, partings=tuple(expected), finished=len(tried) == tries)
+    finished = excitations[-1].finished
+    planned = replace(planned, partings=tuple(expected), finished=finished)
     if possible.any():
-        limits, x = tried[best]
-        motion = _sample_motion(limits, enforce_clearance(limits, x)[0], seconds, dt)
-        planned = replace(planned, motion=_hold_joints(motion, [*fixed.values()]))
+        motion = _hold_joints(excitations[best].motion, [*fixed.values()])
+        planned = replace(planned, motion=motion)
     return replace(diagnosis, planned=planned)
 
 
 def _list_partings(diagnosis: Diagnosis, explanation: Explanation) -> list[Parting]:
     """Return each ambiguous finding with each cause of its class; nothing is expected yet."""
-    columns = {one.name for group, _ in list_groups(explanation) for one in group}
-    accepted = {(one.name, one.place) for one in explanation.found.final.accepted}
+    found = explanation.found
+    accepted = {(one.name, one.place) for one in found.final.accepted}
+    columns = {one.name for shelf in found.shelves for one in shelf.candidates}
+    columns |= {change.candidate.name for change in explanation.search.changes}
     return [
         Parting(
             finding.cause,
@@ -229,58 +216,30 @@ def _measure_motion(
     noise = final.errors * rng.standard_normal(problem.target.shape)
     values = split_coefficients(known, theta, final.columns)
     columns = [search.build_columns(one, torque, theta) for one in final.accepted]
+    nothing = whiten_torque(search, {})
+    shelves = build_shelves(problem, search.whitening, nothing, torque)
+    groups = list_groups(search, shelves, theta)
     gains = np.zeros(len(partings))
     for k, parting in enumerate(partings):
-        others = list[Columns]()
-        planted = dict[int, Array]()
-        is_blurred = False
-        for one, own, size in zip(final.accepted, columns, values):
-            if (one.name, one.place) != (parting.cause, parting.joint or "rig"):
-                others.append(own)
-                continue
-            for j, x in own.rows.items():
-                planted[j] = planted.get(j, 0.0) + x @ size
-            is_blurred |= parting.rival in one.cause.blurred(problem.ranges[one.joint or 0])
-        if not parting.is_tried or is_blurred:
+        at = parting.cause, parting.joint or "rig"
+        parts = [i for i, one in enumerate(final.accepted) if (one.name, one.place) == at]
+        if not parting.is_tried:
             continue
-        fit = fit_rows(
-            problem,
-            search.whitening,
-            build_base_rows(problem, torque, others),
-            noise,
-            build_precision(problem, others),
-            final.fit.weight,
+        others = [own for i, own in enumerate(columns) if i not in parts]
+        base = build_base_rows(problem, torque, others)
+        precision = build_precision(problem, others)
+        fit = fit_rows(problem, search.whitening, base, noise, precision, final.fit.weight)
+        planted = nothing.copy()
+        for i in parts:
+            torques = {j: x @ values[i] for j, x in columns[i].rows.items()}
+            planted += whiten_torque(search, torques)
+        rivals = measure_rivals(
+            search, fit.refit(planted), groups, final.accepted[parts[0]], size=1.0
         )
-        fit = fit.refit(whiten_torque(search, planted))
-        packs = _pack_rivals(search, fit, torque, theta, parting)
-        power = [float(measure_remaining_power(fit, pack)[0].min()) for pack in packs]
+        power = [left for (name, _), (left, _) in rivals.items() if name == parting.rival]
         count = float(fit.rows.sum(axis=0).max())
         gains[k] = compute_expected_gain(min(power, default=0.0), count)
     return gains
-
-
-def _pack_rivals(
-    search: Search, fit: BlockFit, torque: Sequence[Array], theta: Array, parting: Parting
-) -> list[Pack]:
-    """Return the whitened columns of all shapes of a rival, at the finding's joint or of the whole rig."""
-    problem = search.problem
-    packs = list[Pack]()
-    for j, joint in enumerate(problem.rig.joints):
-        shapes = [
-            one
-            for one in list_candidates(problem.rig, j, problem.ranges[j])
-            if one.name == parting.rival and parting.joint in (None, joint)
-        ]
-        if shapes:
-            packs.append(pack_candidates(problem, search.whitening, fit.target, shapes, j, torque))
-    changes = [one for one in search.changes if one.candidate.name == parting.rival]
-    return [*packs, *(search.pack(one.build_columns(problem, theta)) for one in changes)]
-
-
-def _sample_motion(limits: ExcitationProblem, x: Array, seconds: float, dt: float) -> Motion:
-    """Return the motion of a series' free coefficients."""
-    times = dt * np.arange(round(seconds / dt) + 1)
-    return limits.series.motion(limits.coefficients(x), times)
 
 
 def _hold_joints(motion: Motion, angles: Sequence[float]) -> Motion:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from math import inf, log, sqrt
+from math import log, sqrt
 from typing import Any, ClassVar
 
 import numpy as np
 
-from gimbal_pin.diagnosis.candidates import DRIVES, RESONANCE_SHARE, Candidate, count_columns
+from gimbal_pin.diagnosis.candidates import DRIVES, RESONANCE_SHARE, Candidate
 from gimbal_pin.diagnosis.explanation import Explanation, search_rows
 from gimbal_pin.diagnosis.interpret import build_physical
 from gimbal_pin.diagnosis.rows import build_rows, choose_band
@@ -28,7 +28,7 @@ from gimbal_pin.diagnosis.visibility import (
     get_joint,
     list_forms,
     list_groups,
-    measure_remaining_power,
+    measure_rivals,
     shows_in_motion,
     whiten_torque,
 )
@@ -160,8 +160,9 @@ def rehearse(
     log = subsample_log(log).log
     rows = build_rows(rig, [log], choose_band([log], settings), settings)
     explanation = search_rows(rig, rows, "fixed", [None] * len(rows.stretches), settings)
-    groups = list_groups(explanation)
-    forms = list_forms(explanation, groups)
+    first = explanation.found.first.fit
+    groups = list_groups(explanation.search, explanation.found.shelves, first.theta)
+    forms = list_forms(first, groups)
     causes = list[Rehearsed]()
     for kind in CAUSES.values():
         if kind.of_given_model:
@@ -239,22 +240,11 @@ def _rehearse_form(
     if not is_possible(seen):
         return replace(row, shown=0, why=WEAK)
     needed = dict[CauseAt, float]()
-    for candidates, pack in groups:
-        if None not in (joint, candidates[0].joint) and joint != candidates[0].joint:
-            continue
-        left, gains = measure_remaining_power(fit, pack)
-        for k in np.argsort(-left).tolist():  # the form of a rival that leaves least comes last
-            rival = candidates[k]
-            values = seen * gains.coefficients[k, : count_columns(rival)]
-            is_told = gains.remaining[k] < LEAST_LEFT or rival.is_same(candidate)
-            if is_told or not rival.is_admissible(values, np.zeros(0)):
-                continue
-            odds = rival.log_prior - candidate.log_prior - log(settings.rival_probability)
-            gain = compute_sure_gain(max(settings.kept_nats, odds), search.count_deviations(1))
-            place = CauseAt(rival.name, get_joint(rival.place))
-            needed[place] = compute_size(gain, float(left[k]), count)
-    blurred = cause.blurred(problem.ranges[joint or 0])
-    needed |= {CauseAt(name, row.joint): inf for name in blurred}
+    rivals = measure_rivals(search, fit, groups, candidate, seen)
+    for (name, place), (left, prior) in rivals.items():
+        odds = prior - candidate.log_prior - log(settings.rival_probability)
+        gain = compute_sure_gain(max(settings.kept_nats, odds), search.count_deviations(1))
+        needed[CauseAt(name, get_joint(place))] = compute_size(gain, left, count)
     named = max([seen, *needed.values()])
     is_named = is_possible(named)
     alike = [x for x in needed if needed[x] > seen and (is_named or not is_possible(needed[x]))]

@@ -9,16 +9,17 @@ nats, as the log ratio of two normal densities whose means are δ deviations apa
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis.candidates import DRIVES, Candidate, list_candidates
+from gimbal_pin.diagnosis.candidates import DRIVES, Candidate, count_columns, list_candidates
 from gimbal_pin.diagnosis.explanation import Explanation
-from gimbal_pin.diagnosis.score import BlockFit, Gains, Pack
+from gimbal_pin.diagnosis.library import Shelf
+from gimbal_pin.diagnosis.score import BlockFit, Pack
 from gimbal_pin.diagnosis.search import LEAST_LEFT, Search
 from gimbal_pin.effects import CAUSES, Cause, Effect, RigEffect
 from gimbal_pin.log.log import Array
@@ -101,24 +102,26 @@ def compute_detection_limits(explanation: Explanation) -> dict[str, float]:
     return limits
 
 
-def list_groups(explanation: Explanation) -> list[Group]:
-    """Return all candidates with their whitened columns, by joint and of the whole rig."""
-    search = explanation.search
-    theta = explanation.found.first.fit.theta
-    groups: list[Group] = [(shelf.candidates, shelf.pack) for shelf in explanation.found.shelves]
+def list_groups(search: Search, shelves: Iterable[Shelf], theta: Array) -> list[Group]:
+    """Return all candidates with their whitened columns, by joint and of the whole rig.
+
+    Args:
+        search: The search.
+        shelves: Those at every joint.
+        theta: Coefficients of the model that causes of the whole rig change.
+    """
+    groups: list[Group] = [(shelf.candidates, shelf.pack) for shelf in shelves]
     for change in search.changes:
         pack = search.pack(change.build_columns(search.problem, theta))
         groups.append(([change.candidate], pack))
     return groups
 
 
-def list_forms(
-    explanation: Explanation, groups: Sequence[Group]
-) -> dict[tuple[str, str], list[Form]]:
-    """Return name and place of every cause → its forms."""
+def list_forms(fit: BlockFit, groups: Sequence[Group]) -> dict[tuple[str, str], list[Form]]:
+    """Return name and place of every cause → its forms; `fit`: of the model without causes."""
     forms = dict[tuple[str, str], list[Form]]()
     for candidates, pack in groups:
-        gains = explanation.found.first.fit.measure(pack)
+        gains = fit.measure(pack)
         power = 1 / np.maximum(gains.covariance[:, 0, 0], 1e-300)
         for form in map(Form, candidates, gains.remaining.tolist(), power.tolist()):
             forms.setdefault((form.candidate.name, form.candidate.place), []).append(form)
@@ -140,7 +143,9 @@ def list_untestable(
         found: Causes and joints of the findings, which are shown.
     """
     rig = explanation.search.problem.rig
-    forms = list_forms(explanation, list_groups(explanation))
+    first = explanation.found.first.fit
+    groups = list_groups(explanation.search, explanation.found.shelves, first.theta)
+    forms = list_forms(first, groups)
     hidden = list[Untestable]()
     for kind in CAUSES.values():
         if kind.of_given_model or not shows_in_motion(kind):
@@ -164,11 +169,36 @@ def whiten_torque(search: Search, rows: Mapping[int, Array]) -> Array:
     return white
 
 
-def measure_remaining_power(fit: BlockFit, pack: Pack) -> tuple[Array, Gains]:
-    """Return the power that a fit leaves of its torque beside each group of a pack, (G,), and the groups' gains."""
-    targets = {
-        j: np.array([fit.target[fold, j] @ x[fold] for fold in fit.folds])
-        for j, x in pack.columns.items()
-    }
-    gains = fit.measure(replace(pack, targets=targets))
-    return np.asarray(np.sum(gains.errors * fit.weight, axis=(1, 2))), gains
+def measure_rivals(
+    search: Search, fit: BlockFit, groups: Sequence[Group], planted: Candidate, size: float
+) -> dict[tuple[str, str], tuple[float, float]]:
+    """Return name and place of each rival of a planted cause → power that its best form leaves, and its log prior.
+
+    Args:
+        search: The search.
+        fit: The model beside it, fitted to its torque alone.
+        groups: All candidates.
+        planted: The cause.
+        size: What the torque is to be multiplied by where coefficients are judged.
+    """
+    rivals = dict[tuple[str, str], tuple[float, float]]()
+    for candidates, pack in groups:
+        if (
+            None not in (planted.joint, candidates[0].joint)
+            and planted.joint != candidates[0].joint
+        ):
+            continue
+        targets = {
+            j: np.array([fit.target[fold, j] @ x[fold] for fold in fit.folds])
+            for j, x in pack.columns.items()
+        }
+        gains = fit.measure(replace(pack, targets=targets))
+        power = np.sum(gains.errors * fit.weight, axis=(1, 2))
+        for k in np.argsort(-power).tolist():  # of each rival the form that leaves least comes last
+            rival = candidates[k]
+            values = size * gains.coefficients[k, : count_columns(rival)]
+            is_told = gains.remaining[k] < LEAST_LEFT or rival.is_same(planted)
+            if not is_told and rival.is_admissible(values, np.zeros(0)):
+                rivals[rival.name, rival.place] = float(power[k]), rival.log_prior
+    blurred = planted.cause.blurred(search.problem.ranges[planted.joint or 0])
+    return rivals | {(name, planted.place): (0.0, 0.0) for name in blurred}

@@ -144,7 +144,7 @@ def show_finding(finding: Finding, gain: str, is_believed: bool) -> list[object]
     """
     is_listed = len(finding.parameters) > tables.MOST  # the harmonics of a motor's teeth
     lines = list[str]()
-    if finding.parameters and not is_listed:
+    if finding.parameters:
         interval = " (± 95 %)" if finding.sized else ""
         lines.append(f"{to_sentence(state_sizes(finding.parameters))[:-1]}{interval}.")
     lines += [to_sentence(gain), *list_alternatives(finding)]
