@@ -83,10 +83,10 @@ def list_findings(explanation: Explanation) -> list[Finding]:
 
 def choose_verdict(findings: Sequence[Finding], rest: Sequence[Rest]) -> str:
     """Return the verdict in one word."""
-    if any(one.status == "named" for one in findings):
-        return "named"
-    if any(one.is_stated for one in findings):
-        return "ambiguous"
+    statuses = {finding.status for finding in findings}
+    for status in ("named", "ambiguous"):
+        if status in statuses:
+            return status
     return "unknown" if findings or any(one.is_unknown for one in rest) else "nothing"
 
 

@@ -179,18 +179,15 @@ def describe_residuals(explanation: Explanation, rest: Sequence[Rest]) -> dict[s
 def list_immaterial(explanation: Explanation, candidate: Candidate | None) -> tuple[Slight, ...]:
     """Return causes that gained clearly and explain less torque than matters, besides the nearest candidate."""
     least = explanation.search.problem.settings.material_share
-    shares = dict[tuple[str, str], float]()
-    for one in explanation.found.rejected:
-        if 0 < one.share < least:
-            place = one.candidate.name, one.candidate.place
-            shares[place] = max(one.share, shares.get(place, 0.0))
-    stated = {(one.name, one.place) for one in explanation.found.final.accepted}
+    rejected = sorted(explanation.found.rejected, key=lambda one: one.share)
+    shares = {(x.candidate.name, x.candidate.place): x.share for x in rejected if x.share > 0}
+    accepted = {(one.name, one.place) for one in explanation.found.final.accepted}
     if candidate is not None:
-        stated.add((candidate.cause, candidate.joint or "rig"))
+        accepted.add((candidate.cause, candidate.joint or "rig"))
     return tuple(
         Slight(name, get_joint(place), share)
         for (name, place), share in shares.items()
-        if (name, place) not in stated
+        if share < least and (name, place) not in accepted
     )
 
 
@@ -198,10 +195,10 @@ def find_nearest_candidate(explanation: Explanation) -> Candidate | None:
     """Return the cause beside the final model that gains most; None: none gains anything."""
     search = explanation.search
     final = explanation.found.final
-    hits = [hit for hit in search.screen(final, explanation.found.shelves) if hit.gain > 0]
-    if not hits:
+    hits = search.screen(final, explanation.found.shelves)
+    best = max(hits, key=lambda hit: hit.gain, default=None)
+    if best is None or best.gain <= 0:
         return None
-    best = max(hits, key=lambda hit: hit.gain)
     shares = search.measure_torque(final, best) / search.problem.torque_rms
     at = best.candidate.joint
     share = float(shares.max() if at is None else shares[at])

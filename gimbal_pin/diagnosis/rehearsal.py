@@ -45,6 +45,8 @@ from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
+MOST_FORMS = 12
+"""Most forms of a cause that are planted: those in front, and ever fewer of a hundred harmonics."""
 LARGEST_SHARE = 1.0
 """Largest torque of a cause that a rig may have, as a share of its joint's largest."""
 SOFTEST = 1.01 * RESONANCE_SHARE[0]
@@ -88,7 +90,7 @@ class Rehearsed(CauseAt):
     """A cause at its place, in one form or in some: other harmonics, other speeds.
 
     Attributes:
-        forms: Number of its forms.
+        forms: Forms that were planted.
         shown: Number of them that a log shows.
         seen_from: Size from which it, or what it is taken for, is found; of the median of these forms. None: none is.
         named_from: Size from which it alone is named; None: from none on.
@@ -172,6 +174,8 @@ def rehearse(
         for place in rig.joints if kind.of_joint else ("rig",):
             tried = forms.get((kind.name, place), [])
             plain = [x for x in tried if _get_formula(x) == _get_formula(tried[0])]
+            picked = np.geomspace(1, len(plain) or 1, MOST_FORMS).round()
+            plain = [x for k, x in enumerate(plain, 1) if k in picked]
             shown = sorted((x.power, k) for k, x in enumerate(plain) if x.remaining >= LEAST_LEFT)
             why = kind.hidden if shows_in_motion(kind) else COMMANDED
             row = Rehearsed(kind.name, get_joint(place), len(plain), len(shown), why=why)
