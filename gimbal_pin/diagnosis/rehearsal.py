@@ -21,7 +21,6 @@ from gimbal_pin.diagnosis.search import LEAST_LEFT, Hit
 from gimbal_pin.diagnosis.settings import SETTINGS, Settings
 from gimbal_pin.diagnosis.visibility import (
     NINETEEN_OF_TWENTY,
-    Form,
     Group,
     compute_size,
     compute_sure_gain,
@@ -45,7 +44,7 @@ from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
-MOST_FORMS = 12
+MOST_FORMS = 16
 """Most forms of a cause that are planted: those in front, and ever fewer of a hundred harmonics."""
 LARGEST_SHARE = 1.0
 """Largest torque of a cause that a rig may have, as a share of its joint's largest."""
@@ -92,7 +91,7 @@ class Rehearsed(CauseAt):
     Attributes:
         forms: Forms that were planted.
         shown: Number of them that a log shows.
-        seen_from: Size from which it, or what it is taken for, is found; of the median of these forms. None: none is.
+        seen_from: Size from which it, or what it is taken for, is found, of the middle form; None: none is.
         named_from: Size from which it alone is named; None: from none on.
         confused_with: Causes that it may be taken for at `seen_from`, or, if it is never named, at any size.
         why: Reason why no log of the motion shows it; None where one does.
@@ -173,15 +172,18 @@ def rehearse(
             causes += [Rehearsed(kind.name, joint, why=STILL) for joint in still]
         for place in rig.joints if kind.of_joint else ("rig",):
             tried = forms.get((kind.name, place), [])
-            plain = [x for x in tried if _get_formula(x) == _get_formula(tried[0])]
+            plain = [x for x in tried if _get_formula(x[0]) == _get_formula(tried[0][0])]
             picked = np.geomspace(1, len(plain) or 1, MOST_FORMS).round()
             plain = [x for k, x in enumerate(plain, 1) if k in picked]
-            shown = sorted((x.power, k) for k, x in enumerate(plain) if x.remaining >= LEAST_LEFT)
+            shown = [candidate for candidate, share in plain if share >= LEAST_LEFT]
             why = kind.hidden if shows_in_motion(kind) else COMMANDED
-            row = Rehearsed(kind.name, get_joint(place), len(plain), len(shown), why=why)
-            if shown:
-                median = plain[shown[len(shown) // 2][1]]
-                row = _rehearse_form(explanation, groups, row, median)
+            about = Rehearsed(kind.name, get_joint(place), len(plain), len(shown), why=why)
+            row = about
+            middle = (len(shown) - 1) / 2
+            for k in sorted(range(len(shown)), key=lambda k: abs(k - middle)):
+                row = _rehearse_form(explanation, groups, about, shown[k])
+                if row.seen_from is not None:
+                    break
             if not kind.is_stated(place, rig):
                 causes.append(row)
     order = [*rig.joints, *still, None]
@@ -189,15 +191,15 @@ def rehearse(
     return Rehearsal(rig.name, float(motion.t[-1] - motion.t[0]), tuple(causes))
 
 
-def _get_formula(form: Form) -> list[object]:
-    """Return the fields of a form that no person states."""
-    cause = form.candidate.cause
+def _get_formula(candidate: Candidate) -> list[object]:
+    """Return the fields of a cause that no person states."""
+    cause = candidate.cause
     stated = {one.name for one in cause.stated()}
     return [getattr(cause, field.name) for field in fields(cause) if field.name not in stated]
 
 
 def _rehearse_form(
-    explanation: Explanation, groups: Sequence[Group], row: Rehearsed, form: Form
+    explanation: Explanation, groups: Sequence[Group], row: Rehearsed, candidate: Candidate
 ) -> Rehearsed:
     """Return from which size on a log shows a form of a cause, and what it is taken for up to which size.
 
@@ -205,13 +207,12 @@ def _rehearse_form(
         explanation: The models of the log.
         groups: All candidates.
         row: What is known of the cause.
-        form: The form.
+        candidate: The form.
     """
     search = explanation.search
     problem = search.problem
     settings = problem.settings
     first = explanation.found.first
-    candidate = form.candidate
     cause = candidate.cause
     joint = candidate.joint
     at = slice(None) if joint is None else joint

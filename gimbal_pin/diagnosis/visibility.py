@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import log, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,18 +30,8 @@ Group = tuple[Sequence[Candidate], Pack]
 """Candidates with their whitened columns."""
 
 
-class Form(NamedTuple):
-    """A form of a cause.
-
-    Attributes:
-        candidate: The form.
-        remaining: Share of its power that the model without causes leaves.
-        power: The same whitened power of a torque whose first coefficient is one.
-    """
-
-    candidate: Candidate
-    remaining: float
-    power: float
+Forms = dict[tuple[str, str], list[tuple[Candidate, float]]]
+"""Name and place of a cause → its forms, each with the share of its power that the model without causes leaves."""
 
 
 @dataclass(frozen=True)
@@ -117,14 +106,12 @@ def list_groups(search: Search, shelves: Iterable[Shelf], theta: Array) -> list[
     return groups
 
 
-def list_forms(fit: BlockFit, groups: Sequence[Group]) -> dict[tuple[str, str], list[Form]]:
-    """Return name and place of every cause → its forms; `fit`: of the model without causes."""
-    forms = dict[tuple[str, str], list[Form]]()
+def list_forms(fit: BlockFit, groups: Sequence[Group]) -> Forms:
+    """Return the forms of every cause at every place; `fit`: of the model without causes."""
+    forms: Forms = {}
     for candidates, pack in groups:
-        gains = fit.measure(pack)
-        power = 1 / np.maximum(gains.covariance[:, 0, 0], 1e-300)
-        for form in map(Form, candidates, gains.remaining.tolist(), power.tolist()):
-            forms.setdefault((form.candidate.name, form.candidate.place), []).append(form)
+        for candidate, share in zip(candidates, fit.measure(pack).remaining.tolist()):
+            forms.setdefault((candidate.name, candidate.place), []).append((candidate, share))
     return forms
 
 
@@ -154,8 +141,8 @@ def list_untestable(
             joint = get_joint(place)
             tried = forms.get((kind.name, place), [])
             # A gain is hidden if that of both directions is, whatever shows of one direction.
-            coupled = [form for form in tried if form.candidate.cause.coupled]
-            is_shown = any(form.remaining >= LEAST_LEFT for form in coupled or tried)
+            coupled = [form for form in tried if form[0].cause.coupled]
+            is_shown = any(share >= LEAST_LEFT for _, share in coupled or tried)
             if not (is_shown or (kind.name, joint) in found or kind.is_stated(place, rig)):
                 hidden.append(Untestable(kind.name, joint, kind.hidden))
     return tuple(hidden)

@@ -158,7 +158,7 @@ def state_sizes(parameters: Sequence[Parameter]) -> str:
         return ", ".join(map(state_size, parameters))
     name = parameters[0].name
     each = [
-        f"{state_size(replace(size, name=name)).removeprefix(f'{name} ')} at {figures(order.value)}"
+        f"{state_size(replace(size, name=name)).removeprefix(f'{name} ')} at {order.value:g}"
         for size, order in zip(parameters[::3], parameters[1::3])
     ]
     return f"{name} {', '.join(each)} per turn"

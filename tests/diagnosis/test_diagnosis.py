@@ -102,11 +102,6 @@ def test_every_cause_of_the_library_is_planted() -> None:
     assert {*CAUSES} - names == {"joint-flexibility", "off-diagonal-inertia", "payload-shift"}
 
 
-def test_the_time_of_a_short_delay_is_told() -> None:
-    (finding,) = find("turret", "delay:tilt:time=0.012").stated
-    assert finding.parameters[0].value == pytest.approx(0.012, rel=0.2)
-
-
 @pytest.mark.xfail(strict=True, reason="0.076 ± 0.004 N m: the deviation leaves out the speed's")
 def test_a_size_is_as_far_off_as_it_says_where_the_shape_is_fitted() -> None:
     found = diagnose(RIG, prescribe("prescribed", *TEETH))
