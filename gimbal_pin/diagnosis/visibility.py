@@ -1,4 +1,4 @@
-"""What logs show: the gain that a hidden cause is expected to have, and what is too small or too alike to be seen.
+"""Visibility of causes in logs: the gain that a hidden one is expected to have, and what is too small or too alike.
 
 A model's columns leave the whitened power p of a further torque in n rows. Its cause is expected to gain
 
