@@ -24,13 +24,12 @@ from gimbal_pin.diagnosis.structure import measure_curve
 from gimbal_pin.diagnosis.visibility import get_joint
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import ActuatorLag, BaseTilt, Cause, Delay, Term
+from gimbal_pin.effects.delay import LONGEST_DRIVE_DELAY
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
 
 DELAY_PASSES = 3
 """Fits until a delay's column is built for the time that it is fitted at."""
-LONGEST_SHIFT = 0.05
-"""Longest delay of a column, s: a loop around it has a bandwidth of 3 Hz at most."""
 OWN_FUNCTIONS = {
     "cable-spring": ("angle", "places"),
     "cogging": ("angle", "places"),
@@ -267,7 +266,7 @@ def _describe_shift(
 
 def _project_delay(explanation: Explanation, joint: int, time: float) -> Array:
     """Return the rows ``(T(t + d) - T(t))/d`` of a delay d: their coefficient is d where that is the delay."""
-    time = float(np.clip(time, 1e-3, LONGEST_SHIFT))
+    time = float(np.clip(time, 1e-3, LONGEST_DRIVE_DELAY))
     rows = explanation.search.problem.rows
     torques = [x[:, joint] for x in explanation.found.final.torque]
     ahead = [
