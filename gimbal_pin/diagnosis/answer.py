@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from math import nan
 from typing import Any
 
 import numpy as np
 
-from gimbal_pin.diagnosis.commands import Drive
+from gimbal_pin.diagnosis.candidates import Candidate
 from gimbal_pin.diagnosis.explanation import Explanation
 from gimbal_pin.diagnosis.interpret import size_finding
 from gimbal_pin.diagnosis.mount import Mount, measure_tilt
 from gimbal_pin.diagnosis.problem import SHIFT, build_problem
 from gimbal_pin.diagnosis.rest import Rest
 from gimbal_pin.diagnosis.result import Finding, Rival
-from gimbal_pin.diagnosis.rivals import Contest, is_close, list_contests, weigh, weigh_gains
-from gimbal_pin.diagnosis.score import Pack, compute_gain, compute_standard_error
-from gimbal_pin.diagnosis.search import Hit, Search, Solution, sum_squares_by_fold
-from gimbal_pin.diagnosis.settings import Settings
+from gimbal_pin.diagnosis.rivals import Contest, is_close, list_contests, weigh
+from gimbal_pin.diagnosis.score import compute_gain, compute_standard_error
+from gimbal_pin.diagnosis.search import Hit, Search, sum_squares_by_fold
 from gimbal_pin.diagnosis.structure import measure_curve
+from gimbal_pin.diagnosis.visibility import get_joint
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import ActuatorLag, BaseTilt, Cause, Delay, Term
+from gimbal_pin.effects.delay import LONGEST_DRIVE_DELAY
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
 
@@ -57,20 +58,34 @@ def list_findings(explanation: Explanation) -> list[Finding]:
         and not (explanation.mount is not None and contest.name == BaseTilt.name)
     ]
     findings += _list_shifts(explanation, covariance)
-    findings += [_describe_drive(explanation, drive) for drive in explanation.commands]
+    findings += [
+        _state_finding(
+            explanation,
+            drive.hit.candidate.cause,
+            drive.hit.candidate.joint or 0,
+            drive.before,
+            drive.gain,
+            drive.hit.candidate.cause.shown(),
+            drive.hit.candidate.cause,
+            hits=list({hit.candidate.name: hit for hit in reversed(drive.others)}.values()),
+            log_prior=drive.hit.candidate.log_prior,
+            compared=drive.hit.by_fold,
+        )
+        for drive in explanation.commands
+    ]
     if explanation.mount is not None:
         findings.append(_describe_mount(explanation, explanation.mount))
-    if search.problem.reduction.base != "fixed" and explanation.mount is None:
-        findings += _list_platform_motion(search, final)
-    return sorted(findings, key=lambda one: one.after / max(one.before, 1e-300))
+    elif search.problem.reduction.base != "fixed":
+        findings += _list_platform_motion(explanation)
+    return sorted(findings, key=lambda finding: finding.after / max(finding.before, 1e-300))
 
 
 def choose_verdict(findings: Sequence[Finding], rest: Sequence[Rest]) -> str:
     """Return the verdict in one word."""
-    if any(one.status == "named" for one in findings):
-        return "named"
-    if any(one.is_stated for one in findings):
-        return "ambiguous"
+    statuses = {finding.status for finding in findings}
+    for status in ("named", "ambiguous"):
+        if status in statuses:
+            return status
     return "unknown" if findings or any(one.is_unknown for one in rest) else "nothing"
 
 
@@ -81,135 +96,86 @@ def _is_needed(search: Search, contest: Contest) -> bool:
     return total >= max(search.problem.settings.kept_nats, search.count_deviations(1) * error)
 
 
-@dataclass(frozen=True, eq=False)
-class _Evidence:
-    """Gains and errors that a finding is judged by.
-
-    Attributes:
-        gain: Held-out gain by fold, nats, (K,).
-        probability: Its probability among itself and all rivals.
-        joint: Number of the joint whose error is stated.
-        before: Held-out error there without it, N m.
-        share: Share of the predictable error power there that it explains.
-        rivals: Its rivals.
-        alike: Names of causes that are not told from it, without its own.
-    """
-
-    gain: Array
-    probability: float
-    joint: int
-    before: float
-    share: float
-    rivals: tuple[Rival, ...]
-    alike: tuple[str, ...]
-
-
-def _build_finding(
+def _state_finding(
     explanation: Explanation,
-    cause: str,
-    place: str | None,
-    evidence: _Evidence,
-    parameters: tuple[Parameter, ...],
+    cause: Cause | str,
+    joint: int,
+    before: float,
+    gain: Array,
+    parameters: Sequence[Parameter],
     physical: Term | Cause | None,
     *,
-    is_misshapen: bool = False,
+    hits: Sequence[Hit] = (),
+    log_prior: float = 0.0,
+    compared: Array | None = None,
+    blurred: Sequence[str] = (),
+    least_share: float = 0.0,
 ) -> Finding:
-    """Return a finding with its status."""
-    settings = explanation.search.problem.settings
-    rig = explanation.search.problem.rig
-    status = "ambiguous" if evidence.alike else "named"
-    if evidence.share < settings.name_share or is_misshapen:
-        status = "unconfirmed"
-    return Finding(
-        cause=cause,
-        joint=place,
-        status=status,
-        alike=(cause, *evidence.alike),
-        probability=evidence.probability,
-        parameters=tuple(replace(p, unit=rig.in_units(place, p.unit)) for p in parameters),
-        nats=float(evidence.gain.sum()),
-        std=float(compute_standard_error(evidence.gain)),
-        at=rig.joints[evidence.joint],
-        before=evidence.before,
-        after=float(explanation.found.final.errors[evidence.joint]),
-        share=evidence.share,
-        rivals=evidence.rivals,
-        physical=physical,
-    )
+    """Return a finding with its status.
 
-
-def _list_rivals(
-    gain: Array, probabilities: Sequence[float], hits: Sequence[Hit]
-) -> tuple[Rival, ...]:
-    """Return the rivals of a finding, the nearest first."""
-    rivals = list[Rival]()
-    for hit, chance in zip(hits, probabilities[1:]):
-        difference = gain - hit.by_fold
-        error = float(compute_standard_error(difference))
-        rivals.append(Rival(hit.candidate.name, float(difference.sum()), error, chance))
-    return tuple(sorted(rivals, key=lambda one: one.nats))
-
-
-def _list_alike(search: Search, rivals: Sequence[Rival]) -> tuple[str, ...]:
-    """Return the names of rivals that a finding is not told from, the most probable first."""
-    close = [one for one in rivals if is_close(search, one.nats, one.std, one.probability)]
-    return tuple(one.cause for one in sorted(close, key=lambda one: -one.probability))
-
-
-def _describe_contest(explanation: Explanation, contest: Contest, covariance: Array) -> Finding:
-    """Return a cause that was accepted as a finding."""
+    Args:
+        explanation: The models.
+        cause: The cause; a name: of the whole rig.
+        joint: Number of the joint whose error is stated.
+        before: Held-out error there without it, N m.
+        gain: Its gain by fold, nats, (K,).
+        parameters: Its sizes.
+        physical: What the extended model holds.
+        hits: Its rivals.
+        log_prior: Its log prior, nats.
+        compared: Its gain by fold that the rivals' are compared with; None: `gain`.
+        blurred: Causes that the logs' range does not tell from it, beside the rivals.
+        least_share: Share of the predictable error that it explains at least.
+    """
     search = explanation.search
     problem = search.problem
+    settings = problem.settings
     final = explanation.found.final
-    j = contest.joint
-    rest = explanation.rest[j]
-    before = float(contest.without.errors[j])
-    after = float(final.errors[j])
-    curve = _measure_curve(explanation, j, contest.name)
-    share = compute_share(before, curve * after, rest)
-    if contest.own[0].cause.of_given_model:
-        share = max(share, _compute_prior_share(contest.without, final))
-    rivals = _list_rivals(contest.gain, contest.probabilities, contest.rivals)
-    alike = _list_alike(search, rivals)
-    alike += tuple(name for name in _list_blurred(search, contest) if name not in alike)
-    sized = size_finding(problem, final, contest.own, covariance)
-    explained = float(np.sqrt(max(before**2 - after**2, 0.0)))
-    evidence = _Evidence(contest.gain, contest.probabilities[0], j, before, share, rivals, alike)
-    return _build_finding(
-        explanation,
-        contest.name,
-        contest.place if contest.place in problem.rig.joints else None,
-        evidence,
-        sized.parameters,
-        sized.physical,
-        is_misshapen=curve == 1.0 and is_misshapen(contest.name, explained, rest, problem.settings),
+    rest = explanation.rest[joint]
+    name, place = (cause, None) if isinstance(cause, str) else (cause.name, get_joint(cause.place))
+    after = float(final.errors[joint])
+    curve = measure_curve(search, final, joint, name)
+    share = max(compute_share(before, curve * after, rest), least_share)
+    compared = gain if compared is None else compared
+    chances = weigh(compared, log_prior, hits)
+    rivals = [
+        Rival(
+            hit.candidate.name,
+            float((compared - hit.by_fold).sum()),
+            float(compute_standard_error(compared - hit.by_fold)),
+            chance,
+        )
+        for hit, chance in zip(hits, chances[1:])
+    ]
+    close = [one for one in rivals if is_close(search, one.nats, one.std, one.probability)]
+    close.sort(key=lambda one: -one.probability)
+    alike = dict.fromkeys((name, *(one.cause for one in close), *blurred))
+    # Another function of the cause's own variable predicts more than the error of the cause's form.
+    form = settings.cause_form_error * np.sqrt(max(before**2 - after**2, 0.0))
+    is_own = bool(rest.groups) and rest.groups[0] in OWN_FUNCTIONS.get(name, ())
+    is_misshapen = curve == 1.0 and is_own and rest.predictable > form
+    nats = float(gain.sum())
+    std = float(compute_standard_error(gain))
+    is_clear = nats >= search.least_deviations * std
+    status = "ambiguous" if len(alike) > 1 else "named"
+    if share < settings.name_share or is_misshapen or not is_clear:
+        status = "unconfirmed"
+    return Finding(
+        cause=name,
+        joint=place,
+        status=status,
+        alike=tuple(alike),
+        probability=chances[0],
+        parameters=tuple(replace(p, unit=problem.rig.in_units(place, p.unit)) for p in parameters),
+        nats=nats,
+        std=std,
+        at=problem.rig.joints[joint],
+        before=before,
+        after=after,
+        share=share,
+        rivals=tuple(sorted(rivals, key=lambda one: one.nats)),
+        physical=physical,
     )
-
-
-def _measure_curve(explanation: Explanation, joint: int, name: str) -> float:
-    """Return the share of the final error, rms, that a curve of a cause's own variable leaves."""
-    return measure_curve(explanation.search, explanation.found.final, joint, name)
-
-
-def is_misshapen(name: str, explained: float, rest: Rest, settings: Settings) -> bool:
-    """Return whether another function of a cause's own variable predicts more than the error of the cause's form."""
-    groups = OWN_FUNCTIONS.get(name, ())
-    is_own = bool(rest.groups) and rest.groups[0] in groups
-    return is_own and rest.predictable > settings.cause_form_error * explained
-
-
-def _compute_prior_share(before: Solution, after: Solution) -> float:
-    """Return the share of the prior's squares that a change of bodies takes away: what makes others unnecessary."""
-    return 1.0 - after.fit.prior_squares / max(before.fit.prior_squares, 1e-300)
-
-
-def _list_blurred(search: Search, contest: Contest) -> tuple[str, ...]:
-    """Return causes whose other forms look like a finding on so little of the range as the logs show."""
-    joint = contest.own[0].joint
-    if joint is None:
-        return ()
-    cause: Any = reduce(lambda a, b: a.joined(b), (one.cause for one in contest.own))
-    return tuple(cause.blurred(search.problem.ranges[joint]))
 
 
 def compute_share(before: float, after: float, rest: Rest) -> float:
@@ -219,24 +185,52 @@ def compute_share(before: float, after: float, rest: Rest) -> float:
     return explained / max(before**2 - min(least, after**2), 1e-300)
 
 
+def _describe_contest(explanation: Explanation, contest: Contest, covariance: Array) -> Finding:
+    """Return a cause that was accepted as a finding."""
+    problem = explanation.search.problem
+    final = explanation.found.final
+    first = contest.own[0]
+    sized = size_finding(problem, final, contest.own, covariance)
+    blurred: Sequence[str] = ()
+    if first.joint is not None:
+        joined: Any = reduce(lambda a, b: a.joined(b), (one.cause for one in contest.own))
+        blurred = joined.blurred(problem.ranges[first.joint])
+    eased = 0.0
+    if first.cause.of_given_model:
+        # A change of bodies explains what made other bodies improbable.
+        squares = max(contest.without.fit.prior_squares, 1e-300)
+        eased = 1.0 - final.fit.prior_squares / squares
+    return _state_finding(
+        explanation,
+        first.cause,
+        contest.joint,
+        float(contest.without.errors[contest.joint]),
+        contest.gain,
+        sized.parameters,
+        sized.physical,
+        hits=contest.rivals,
+        log_prior=contest.own[0].log_prior,
+        blurred=blurred,
+        least_share=eased,
+    )
+
+
 def _list_shifts(explanation: Explanation, covariance: Array) -> list[Finding]:
     """Return torques that act later than logged by more than the channels of one logger are apart."""
     problem = explanation.search.problem
     settings = problem.settings
-    fit = explanation.found.final.fit
-    n = problem.rig.n
     places = [problem.get_own_columns(j).start + SHIFT for j in problem.joints]
-    shifts = fit.theta[places]
+    shifts = explanation.found.final.fit.theta[places]
     std = np.sqrt(np.diag(covariance)[places])
-    common = float(np.median(shifts)) if n >= 3 else 0.0
-    findings = list[Finding]()
-    for j in problem.joints:
-        least = settings.shift_seconds + 2 * std[j]
-        apart = settings.shift_apart_seconds + 2 * std[j]
-        is_late = shifts[j] > least or (n >= 3 and min(shifts[j], shifts[j] - common) > apart)
-        if is_late:
-            findings += _describe_shift(explanation, j, float(shifts[j]), float(std[j]))
-    return findings
+    is_late = shifts > settings.shift_seconds + 2 * std
+    if problem.rig.n >= 3:
+        apart = np.minimum(shifts, shifts - np.median(shifts))
+        is_late |= apart > settings.shift_apart_seconds + 2 * std
+    return [
+        finding
+        for j in np.flatnonzero(is_late).tolist()
+        for finding in _describe_shift(explanation, j, float(shifts[j]), float(std[j]))
+    ]
 
 
 def _describe_shift(
@@ -244,78 +238,45 @@ def _describe_shift(
 ) -> list[Finding]:
     """Return a late torque as a delay or a lag, or as either; nothing where its gain is not clear."""
     search = explanation.search
-    solution = explanation.found.final
     problem = search.problem
+    solution = explanation.found.final
     place = problem.get_own_columns(joint).start + SHIFT
     without = search.fit_without(solution, (), [place])
-    lag = without.fit.measure(search.pack_rows({joint: solution.base[joint][:, [place]]}))
+
+    def measure(kind: type[Delay | ActuatorLag], column: Array) -> Hit:
+        gains = without.fit.measure(search.pack_rows({joint: column}))
+        time = gains.coefficients[0]
+        candidate = Candidate(kind.inside(problem.rig.joints[joint], float(time[0])), joint, 0.0)
+        return Hit(candidate, gains.by_fold[0], time)
+
+    lag = measure(ActuatorLag, solution.base[joint][:, [place]])
     time = shift
     for _ in range(DELAY_PASSES):
-        delay = without.fit.measure(_pack_delay(search, solution, joint, time))
-        time = float(delay.coefficients[0, 0])
-    gains = {Delay: delay.by_fold[0], ActuatorLag: lag.by_fold[0]}
-    times = {Delay: time, ActuatorLag: float(lag.coefficients[0, 0])}
-    kind, other = sorted(gains, key=lambda x: -float(gains[x].sum()))
-    gain = gains[kind]
-    error = float(compute_standard_error(gain))
-    if gain.sum() < max(problem.settings.gain_nats, search.least_deviations * error):
+        delay = measure(Delay, _project_delay(explanation, joint, time))
+        time = float(delay.coefficients[0])
+    best, other = sorted((delay, lag), key=lambda hit: -hit.gain)
+    if not search.is_clear(best, problem.settings.gain_nats):
         return []
-    chances = weigh_gains(np.array([gain, gains[other]]), np.zeros(2))
-    difference = gain - gains[other]
-    rival = Rival(
-        other.name,
-        float(difference.sum()),
-        float(compute_standard_error(difference)),
-        chances[1],
-    )
+    cause = best.candidate.cause
+    parameter = replace(cause.shapes[0], value=float(best.coefficients[0]), std=std)
     before = float(without.errors[joint])
-    share = compute_share(before, float(solution.errors[joint]), explanation.rest[joint])
-    cause = kind.inside(problem.rig.joints[joint], times[kind])
-    shape = cause.shapes[0]
-    parameter = Parameter(shape.name, times[kind], shape.unit, shape.lower, shape.upper, std)
-    evidence = _Evidence(
-        gain, chances[0], joint, before, share, (rival,), _list_alike(search, [rival])
-    )
     return [
-        _build_finding(
-            explanation, kind.name, problem.rig.joints[joint], evidence, (parameter,), cause
+        _state_finding(
+            explanation, cause, joint, before, best.by_fold, (parameter,), cause, hits=[other]
         )
     ]
 
 
-def _pack_delay(search: Search, solution: Solution, joint: int, time: float) -> Pack:
-    """Return the column of a delay, ``(T(t + d) - T(t))/d``: its coefficient is the time d where that is the delay."""
-    time = float(np.clip(time, 1e-3, 0.05))
-    rows = search.problem.rows
+def _project_delay(explanation: Explanation, joint: int, time: float) -> Array:
+    """Return the rows ``(T(t + d) - T(t))/d`` of a delay d: their coefficient is d where that is the delay."""
+    time = float(np.clip(time, 1e-3, LONGEST_DRIVE_DELAY))
+    rows = explanation.search.problem.rows
+    torques = [x[:, joint] for x in explanation.found.final.torque]
     ahead = [
-        (np.interp(part.time + time, part.time, x[:, joint]) - x[:, joint]) / time
-        for part, x in zip(rows.stretches, solution.torque)
+        (np.interp(part.time + time, part.time, x) - x) / time
+        for part, x in zip(rows.stretches, torques)
     ]
-    return search.pack_rows({joint: rows.project(ahead, joint)})
-
-
-def _describe_drive(explanation: Explanation, drive: Drive) -> Finding:
-    """Return a drive that acts on the command as a finding."""
-    search = explanation.search
-    problem = search.problem
-    candidate = drive.hit.candidate
-    assert candidate.joint is not None
-    j = candidate.joint
-    others = dict[str, Hit]()
-    for other in drive.others:
-        others.setdefault(other.candidate.name, other)
-    hits = list(others.values())
-    chances = weigh(drive.hit.by_fold, candidate.log_prior, hits)
-    rivals = _list_rivals(drive.hit.by_fold, chances, hits)
-    after = float(explanation.found.final.errors[j])
-    curve = _measure_curve(explanation, j, candidate.name)
-    share = compute_share(drive.before, curve * after, explanation.rest[j])
-    evidence = _Evidence(
-        drive.gain, chances[0], j, drive.before, share, rivals, _list_alike(search, rivals)
-    )
-    joint = problem.rig.joints[j]
-    parameters = candidate.cause.shown()
-    return _build_finding(explanation, candidate.name, joint, evidence, parameters, candidate.cause)
+    return rows.project(ahead, joint)
 
 
 def _describe_mount(explanation: Explanation, mount: Mount) -> Finding:
@@ -325,26 +286,23 @@ def _describe_mount(explanation: Explanation, mount: Mount) -> Finding:
     final = explanation.found.final
     upright = explanation.upright
     assert upright is not None
-    fit = final.fit
-    gain = compute_gain(
-        sum_squares_by_fold(problem, upright), sum_squares_by_fold(problem, final), fit.rows
-    )
-    lowered = (upright.errors**2 - final.errors**2) / problem.torque_rms**2
-    j = int(np.argmax(lowered))
-    before = float(upright.errors[j])
-    share = compute_share(before, float(final.errors[j]), explanation.rest[j])
+    left, least = (sum_squares_by_fold(problem, one) for one in (upright, final))
+    gain = compute_gain(left, least, final.fit.rows)
+    j = int(np.argmax((upright.errors**2 - final.errors**2) / problem.torque_rms**2))
     tilt = measure_tilt(search, final, mount)
-    parameters = tuple(replace(p, std=tilt.std.get(p.name, nan)) for p in tilt.cause.shown())
-    evidence = _Evidence(gain, 1.0, j, before, share, (), ())
-    return _build_finding(explanation, tilt.cause.name, None, evidence, parameters, tilt.cause)
+    parameters = [replace(p, std=tilt.std.get(p.name, nan)) for p in tilt.cause.shown()]
+    before = float(upright.errors[j])
+    return _state_finding(explanation, tilt.cause, j, before, gain, parameters, tilt.cause)
 
 
-def _list_platform_motion(search: Search, solution: Solution) -> list[Finding]:
+def _list_platform_motion(explanation: Explanation) -> list[Finding]:
     """Return the motion of the base as a finding, where the model that has it by its IMU predicts better than without.
 
     The model without it takes the base to stand as the URDF says.
     """
+    search = explanation.search
     problem = search.problem
+    solution = explanation.found.final
     rows = problem.rows
     settings = problem.settings
     still = [None] * len(rows.stretches)
@@ -352,30 +310,16 @@ def _list_platform_motion(search: Search, solution: Solution) -> list[Finding]:
     own = [one for one in solution.accepted if one.joint is not None]
     without = Search(stands, search.whitening, ()).solve(own)
     gain = compute_gain(without.fit.squared_errors, solution.fit.squared_errors, solution.fit.rows)
-    error = float(compute_standard_error(gain))
-    total = float(gain.sum())
-    lowered = np.sqrt(np.maximum(without.errors**2 - solution.errors**2, 0.0))
-    j = int(np.argmax(lowered / problem.torque_rms))
-    is_material = lowered[j] > settings.material_share * problem.torque_rms[j]
-    if total < settings.gain_nats or total < search.least_deviations * error or not is_material:
+    least = search.least_deviations * float(compute_standard_error(gain))
+    lowered = np.sqrt(np.maximum(without.errors**2 - solution.errors**2, 0.0)) / problem.torque_rms
+    j = int(np.argmax(lowered))
+    if gain.sum() < max(settings.gain_nats, least) or lowered[j] <= settings.material_share:
         return []
     motion = [part.samples.platform for part in rows.stretches if part.samples.platform]
-    rate = float(np.sqrt(np.mean(np.concatenate([np.sum(x.w**2, axis=1) for x in motion]))))
-    apart = np.concatenate([x.f + problem.rig.model.gravity.linear for x in motion])
-    force = float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
-    return [
-        Finding(
-            cause="platform-motion",
-            joint=None,
-            status="named",
-            alike=("platform-motion",),
-            probability=1.0,
-            parameters=(Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2")),
-            nats=total,
-            std=error,
-            at=problem.rig.joints[j],
-            before=float(without.errors[j]),
-            after=float(solution.errors[j]),
-            share=1.0,
-        )
-    ]
+    turning = np.concatenate([x.w for x in motion])
+    pushing = np.concatenate([x.f + problem.rig.model.gravity.linear for x in motion])
+    rate, force = (float(np.sqrt(np.mean(np.sum(x**2, axis=1)))) for x in (turning, pushing))
+    sizes = (Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2"))
+    before = float(without.errors[j])
+    name = "platform-motion"
+    return [_state_finding(explanation, name, j, before, gain, sizes, None, least_share=1.0)]

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 
 from gimbal_pin.diagnosis import Diagnosis
-from gimbal_pin.identification.model_file import write_extended
 from gimbal_pin.log.io import write_motion
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run
 
@@ -22,13 +21,10 @@ DIAGNOSIS_FILES: dict[str, str] = {
 
 def list_writers(found: Diagnosis) -> dict[str, Callable[[Path], object]]:
     """Return what writes the extended model, and the next experiment where one was planned that parts anything."""
-    writers: dict[str, Callable[[Path], object]] = {
-        "extended model": partial(write_extended, found.after)
-    }
-    if found.planned is not None and found.planned.motion is not None:
-        writers["next experiment"] = partial(
-            write_motion, found.planned.motion, found.planned.joints
-        )
+    writers: dict[str, Callable[[Path], object]] = {"extended model": found.save}
+    planned = found.planned
+    if planned is not None and planned.motion is not None:
+        writers["next experiment"] = partial(write_motion, planned.motion, planned.joints)
     return writers
 
 
@@ -51,9 +47,9 @@ def write_diagnosis(
     Returns:
         What → path, and the notes of `write_run`.
     """
-    writers = list_writers(found) | {"diagnosis": partial(write_json, told or found.to_dict())}
+    writers = list_writers(found)
+    writers["diagnosis"] = partial(write_json, told or found.to_dict())
     writers["report"] = partial(atomic_write, content=page)
-    notes = write_run(
-        folder, {DIAGNOSIS_FILES[what]: write for what, write in writers.items()}, run or {}
-    )
-    return {what: Path(folder) / DIAGNOSIS_FILES[what] for what in writers}, notes
+    files = {what: DIAGNOSIS_FILES[what] for what in writers}
+    notes = write_run(folder, {files[what]: writers[what] for what in writers}, run or {})
+    return {what: Path(folder) / name for what, name in files.items()}, notes

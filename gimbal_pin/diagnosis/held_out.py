@@ -12,6 +12,7 @@ from gimbal_pin.diagnosis.problem import Problem
 from gimbal_pin.diagnosis.search import Solution
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Flags
+from gimbal_pin.rig.brief import brief
 
 CROSS_VALIDATED = "cross-validated"
 """Rows where no block is kept apart: every block, predicted by a fit to the others; the search has seen them."""
@@ -52,6 +53,8 @@ class HeldOut:
     used: Mapping[str, float]
     traces: ResidualTraces
 
+    __repr__ = brief
+
     @property
     def stages(self) -> dict[str, Errors]:
         """Name of each model → its errors, each with more of what was fitted than the one before."""
@@ -90,6 +93,8 @@ class ResidualTraces:
     refitted: Array
     extended: Array
     dt: float
+
+    __repr__ = brief
 
 
 def measure_held_out(problem: Problem, refitted: Solution, extended: Solution) -> HeldOut:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from gimbal_pin.checks import compare_scales
 from gimbal_pin.diagnosis.answer import choose_verdict, list_findings
@@ -13,7 +12,6 @@ from gimbal_pin.diagnosis.explanation import Explanation, choose_explanation
 from gimbal_pin.diagnosis.given_model import compare_given_model, state_payload_with_causes
 from gimbal_pin.diagnosis.held_out import measure_held_out
 from gimbal_pin.diagnosis.model import build_model
-from gimbal_pin.diagnosis.planning import compute_detection_limits, list_untestable
 from gimbal_pin.diagnosis.prepare import (
     PreparedLogs,
     check_joints_move,
@@ -21,7 +19,6 @@ from gimbal_pin.diagnosis.prepare import (
     prepare_logs,
     report_spoilt_logs,
 )
-from gimbal_pin.diagnosis.problem import SHIFT
 from gimbal_pin.diagnosis.rest import Rest, describe_rest
 from gimbal_pin.diagnosis.result import Candidate, Diagnosis, Finding, Residual, Slight
 from gimbal_pin.diagnosis.rows import build_rows
@@ -29,8 +26,9 @@ from gimbal_pin.diagnosis.search import Solution
 from gimbal_pin.diagnosis.settings import SETTINGS, Settings
 from gimbal_pin.diagnosis.several import find_disagreement
 from gimbal_pin.diagnosis.uncertainty import compute_covariance
+from gimbal_pin.diagnosis.visibility import compute_detection_limits, get_joint, list_untestable
 from gimbal_pin.dynamics.threads import limit_to_one_thread
-from gimbal_pin.errors import DataError
+from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.arguments import check_arguments
@@ -53,7 +51,7 @@ def diagnose(
     Args:
         rig: The rig.
         logs: One log or several, with torques.
-        holdout: Rows that only the shown errors are taken from: "last-third", "log:N" of several logs, or "none".
+        holdout: Rows that only the shown errors are taken from: "last-third", "log:N" for the N-th log, or "none".
             None: every fifth block of logs of 25 s and more.
         filtering: Its cutoff is the highest frequency that is looked at, its alignment the known delay of the torque.
             None: 12 Hz, a fifth of the sampling rate where that is less, or more where teeth are heard above.
@@ -73,7 +71,10 @@ def diagnose(
         return report_spoilt_logs(rig, prepared, given)
     try:
         timed = replace(prepared.filtering, smoothing=settings.smoothing)
-        rows = build_rows(rig, prepared.logs, timed.cutoff, settings, holdout, timed)
+        kept = find_kept_log(holdout, given, prepared.logs)
+        rows = build_rows(rig, prepared.logs, timed.cutoff, settings, kept, timed)
+        if kept != holdout:
+            rows = replace(rows, how=f"{str(holdout).replace(':', ' ')} of {len(given)}")
         check_joints_move(rows, prepared)
         explanation = choose_explanation(rig, rows, prepared.base, settings)
         idle = check_torque_moves_joints(explanation, prepared)
@@ -84,67 +85,81 @@ def diagnose(
     disagreement = find_disagreement(explanation, prepared)
     if disagreement is not None:
         return report_spoilt_logs(rig, prepared.with_fault(disagreement), given)
-    diagnosis = describe_explanation(explanation, prepared)
-    diagnosis = replace(diagnosis, idle=idle, data=tuple(given))
+    diagnosis = replace(describe_explanation(explanation, prepared, idle), data=tuple(given))
     diagnosis = compare_given_model(diagnosis, prepared)
     payload = state_payload_with_causes(diagnosis, rig, given, holdout, filtering, mass)
     return replace(diagnosis, given=payload)
 
 
-def describe_explanation(explanation: Explanation, prepared: PreparedLogs) -> Diagnosis:
-    """Return the diagnosis of logs whose models are known."""
+def find_kept_log(holdout: str | None, given: Sequence[Log], kept: Sequence[Log]) -> str | None:
+    """Return ``log:N`` of the given logs as that of those that are kept; any other holdout as it is.
+
+    Raises:
+        UsageError: The log is not kept.
+    """
+    match = re.fullmatch(r"log:(\d+)", holdout or "")
+    if match is None or len(kept) == len(given) or not 1 <= int(match[1]) <= len(given):
+        return holdout
+    names = [log.name for log in kept]
+    name = given[int(match[1]) - 1].name
+    if name not in names:
+        raise UsageError("--holdout", f"{name} is left out as unreliable", "hold out another log")
+    return f"log:{names.index(name) + 1}"
+
+
+def describe_explanation(
+    explanation: Explanation, prepared: PreparedLogs, idle: tuple[str, ...] = ()
+) -> Diagnosis:
+    """Return the diagnosis of logs whose models are known; `idle`: joints of which nothing is said."""
     search = explanation.search
     problem = search.problem
+    original = explanation.original
     rig = problem.rig
     scales = compare_scales(*prepared.beginning) if prepared.beginning else ()
     findings = list_findings(explanation)
     findings = [one for one in findings if not prepared.is_doubtful(one, scales)]
     stated = [one for one in findings if one.is_stated]
-    told = {one.at for one in stated}
-    scales = tuple(one for one in scales if not told.issuperset(one.torques))
+    places = {one.at for one in stated}
+    scales = tuple(one for one in scales if not places.issuperset(one.torques))
     extended = keep_stated_causes(explanation, stated)
-    original = explanation.original
     is_final = extended is explanation.found.final
     rest = explanation.rest if is_final else tuple(describe_rest(search, extended))
     verdict = choose_verdict(findings, explanation.rest)
     if prepared.makes_physics_unreliable or (prepared.hides_inertia() and not stated):
         verdict = "data"
-    shifts = [extended.fit.theta[problem.get_own_columns(j).start + SHIFT] for j in problem.joints]
+    after = build_model(problem, extended, stated, compute_covariance(search, extended))
+    assert after.estimated is not None
     diagnosis = Diagnosis(
         rig=rig.name,
         logs=tuple(log.name for log in prepared.logs),
         verdict=verdict,
         before=build_model(original, explanation.refitted, (), explanation.refitted.fit.covariance),
-        after=build_model(problem, extended, stated, compute_covariance(search, extended)),
+        after=after,
         faults=prepared.faults,
         notes=prepared.notes,
         statements=tuple(one.sentence for one in scales),
         findings=tuple(findings),
         residual=describe_residuals(explanation, rest),
-        candidate=find_nearest_candidate(explanation) if verdict == "unknown" else None,
-        immaterial=list_immaterial(explanation),
-        untestable=list_untestable(explanation, findings),
+        idle=idle,
+        untestable=list_untestable(explanation, [(one.cause, one.joint) for one in findings]),
         detection_limit=compute_detection_limits(explanation),
-        alignment=dict(zip(rig.joints, np.array(shifts).tolist())),
+        alignment=dict(zip(rig.joints, after.estimated.lags)),
         held_out=measure_held_out(original, explanation.refitted, extended),
         explanation=explanation,
         altered=prepared.altered,
     )
     if verdict == "nothing" and (scales or diagnosis.unexplained):
-        return replace(diagnosis, verdict="unknown", candidate=find_nearest_candidate(explanation))
-    return diagnosis
+        diagnosis = replace(diagnosis, verdict="unknown")
+    candidate = find_nearest_candidate(explanation) if diagnosis.verdict == "unknown" else None
+    immaterial = list_immaterial(explanation, candidate)
+    return replace(diagnosis, candidate=candidate, immaterial=immaterial)
 
 
 def keep_stated_causes(explanation: Explanation, stated: Sequence[Finding]) -> Solution:
     """Return the final model without the causes of findings that are not stated."""
     final = explanation.found.final
-    names = {(one.cause, one.joint) for one in stated}
-    joints = explanation.search.problem.rig.joints
-    kept = [
-        one
-        for one in final.accepted
-        if (one.name, one.place if one.place in joints else None) in names
-    ]
+    places = {(one.cause, one.joint or "rig") for one in stated}
+    kept = [one for one in final.accepted if (one.name, one.place) in places]
     if len(kept) == len(final.accepted):
         return final
     return explanation.search.solve(kept, final)
@@ -153,41 +168,38 @@ def keep_stated_causes(explanation: Explanation, stated: Sequence[Finding]) -> S
 def describe_residuals(explanation: Explanation, rest: Sequence[Rest]) -> dict[str, Residual]:
     """Return joint → what is left there; `rest`: of the extended model."""
     search = explanation.search
-    floors = search.whitening.floor.tolist()
     residuals = dict[str, Residual]()
-    for joint, left, floor in zip(search.problem.rig.joints, rest, floors):
+    for joint, left, floor in zip(search.problem.rig.joints, rest, search.whitening.floor.tolist()):
         over = left.groups[0] if left.groups and left.predictable > 0 else ""
         state = "structured" if left.is_unknown else "noise"
-        noise = min(floor, left.left)
-        residuals[joint] = Residual(state, left.left, noise, left.predictable, over)
+        residuals[joint] = Residual(state, left.left, min(floor, left.left), left.predictable, over)
     return residuals
 
 
-def list_immaterial(explanation: Explanation) -> tuple[Slight, ...]:
-    """Return causes that gained clearly and explain less torque than matters."""
-    search = explanation.search
-    joints = search.problem.rig.joints
-    least = search.problem.settings.material_share
-    shares = dict[tuple[str, str | None], float]()
-    for one in explanation.found.rejected:
-        place = one.candidate.place if one.candidate.place in joints else None
-        if 0 < one.share < least:
-            key = one.candidate.name, place
-            shares[key] = max(one.share, shares.get(key, 0.0))
-    found = {(one.name, one.place) for one in explanation.found.final.accepted}
-    return tuple(Slight(*key, share) for key, share in shares.items() if key not in found)
+def list_immaterial(explanation: Explanation, candidate: Candidate | None) -> tuple[Slight, ...]:
+    """Return causes that gained clearly and explain less torque than matters, besides the nearest candidate."""
+    least = explanation.search.problem.settings.material_share
+    rejected = sorted(explanation.found.rejected, key=lambda one: one.share)
+    shares = {(x.candidate.name, x.candidate.place): x.share for x in rejected if x.share > 0}
+    accepted = {(one.name, one.place) for one in explanation.found.final.accepted}
+    if candidate is not None:
+        accepted.add((candidate.cause, candidate.joint or "rig"))
+    return tuple(
+        Slight(name, get_joint(place), share)
+        for (name, place), share in shares.items()
+        if share < least and (name, place) not in accepted
+    )
 
 
 def find_nearest_candidate(explanation: Explanation) -> Candidate | None:
     """Return the cause beside the final model that gains most; None: none gains anything."""
     search = explanation.search
     final = explanation.found.final
-    hits = [hit for hit in search.screen(final, explanation.found.shelves) if hit.gain > 0]
-    if not hits:
+    hits = search.screen(final, explanation.found.shelves)
+    best = max(hits, key=lambda hit: hit.gain, default=None)
+    if best is None or best.gain <= 0:
         return None
-    best = max(hits, key=lambda hit: hit.gain)
-    torque = search.measure_torque(final, best) / search.problem.torque_rms
-    joints = search.problem.rig.joints
-    place = best.candidate.place if best.candidate.place in joints else None
-    share = float(torque.max() if place is None else torque[joints.index(place)])
-    return Candidate(best.candidate.name, place, best.gain, share)
+    shares = search.measure_torque(final, best) / search.problem.torque_rms
+    at = best.candidate.joint
+    share = float(shares.max() if at is None else shares[at])
+    return Candidate(best.candidate.name, get_joint(best.candidate.place), share, best.gain)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 from gimbal_pin.checks import Alteration, Fault, describe_parameters, list_alterations
 from gimbal_pin.diagnosis.explanation import Explanation
 from gimbal_pin.diagnosis.held_out import HeldOut
-from gimbal_pin.diagnosis.planning import NextExperiment, Untestable
+from gimbal_pin.diagnosis.planning import NextExperiment
+from gimbal_pin.diagnosis.visibility import Untestable
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Cause, Term
 from gimbal_pin.effects.parameter import Parameter
@@ -131,23 +132,6 @@ class Residual:
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """The cause that comes nearest where none was accepted.
-
-    Attributes:
-        cause: Its name.
-        joint: Its joint; None: the whole rig.
-        nats: Its held-out gain, nats.
-        share: Torque that it explains, as a share of its joint's.
-    """
-
-    cause: str
-    joint: str | None
-    nats: float
-    share: float
-
-
-@dataclass(frozen=True)
 class Slight:
     """A cause that is significant and too small to matter.
 
@@ -160,6 +144,17 @@ class Slight:
     cause: str
     joint: str | None
     share: float
+
+
+@dataclass(frozen=True)
+class Candidate(Slight):
+    """The cause that comes nearest where none was accepted.
+
+    Attributes:
+        nats: Its held-out gain, nats.
+    """
+
+    nats: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,13 +232,11 @@ class Diagnosis(Record):
         return tuple(finding for finding in self.stated if finding.cause != MEASURED_CAUSE)
 
     @property
-    def verdict_without_platform(self) -> str:
-        """The verdict over `lacking`: the motion that an IMU measures does not count."""
-        if self.verdict != "named" or any(one.status == "named" for one in self.lacking):
-            return self.verdict
-        if self.lacking:
-            return "ambiguous"
-        return "unknown" if self.unexplained or self.statements else "nothing"
+    def is_silent(self) -> bool:
+        """True if nothing is found and nothing is left but the motion that an IMU measures."""
+        if self.verdict != "named":
+            return self.verdict == "nothing"
+        return not (self.lacking or self.unexplained or self.statements)
 
     @property
     def unexplained(self) -> list[str]:
@@ -255,28 +248,24 @@ class Diagnosis(Record):
         """Joint → opinion on its held-out torque after all findings."""
         if self.held_out is None:
             return {}
-        urdf, refitted, extended = self.held_out.stages.values()
-        used = self.held_out.used
         opinions = dict[str, Opinion]()
         for joint, left in self.residual.items():
-            fit = extended.fit_percent[joint]
-            is_worse = any(is_degraded(fit, x.fit_percent[joint]) for x in (urdf, refitted))
+            fit = self.held_out.extended.fit_percent[joint]
+            used = 0.0 if joint in self.idle else self.held_out.used[joint]
             is_structured = left.state == "structured"
-            judged = 0.0 if joint in self.idle else used[joint]
-            opinions[joint] = judge_joint(fit, judged, is_structured, is_structured, is_worse)
+            is_worse = joint in self.deteriorations
+            opinions[joint] = judge_joint(fit, used, is_structured, is_structured, is_worse)
         return opinions
 
     @property
     def deteriorations(self) -> dict[str, str]:
-        """Joint at which the extended model is materially worse than a simpler one → name of the better model."""
-        if self.held_out is None:
-            return {}
+        """Joint at which the extended model is materially worse than a simpler one → name of the best model."""
         worse = dict[str, str]()
-        stages = self.held_out.stages
-        for joint in self.unexplained:
+        stages = {} if self.held_out is None else self.held_out.stages
+        for joint in self.residual if stages else ():
             fits = {name: errors.fit_percent[joint] for name, errors in stages.items()}
             best = max(fits, key=lambda name: fits[name])
-            if is_degraded(fits["extended"], fits[best]):
+            if joint not in self.idle and is_degraded(fits["extended"], fits[best]):
                 worse[joint] = best
         return worse
 
@@ -284,11 +273,6 @@ class Diagnosis(Record):
     def finds_payload(self) -> bool:
         """True if a finding states a payload other than the URDF's, so that `given` would state it twice."""
         return any(finding.cause.startswith("payload-") for finding in self.stated)
-
-    @property
-    def is_extended(self) -> bool:
-        """True if the extended model has more than `identify`'s."""
-        return bool(self.lacking)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the diagnosis as JSON holds it, schema 2: faults that spoil the logs stand before the physics."""
@@ -298,6 +282,7 @@ class Diagnosis(Record):
             *(finding.to_dict() for finding in self.findings),
             *(fault.to_dict() for fault in mended),
         ]
+        given = replace(self.given, apart=None) if self.finds_payload else self.given
         return {
             "schema": 2,
             "rig": self.rig,
@@ -314,7 +299,7 @@ class Diagnosis(Record):
             "untestable": [asdict(one) for one in self.untestable],
             "detection_limit": dict(self.detection_limit),
             "held_out": None if self.held_out is None else self.held_out.to_dict(),
-            **{key: value or {} for key, value in self.given.to_dict().items()},
+            **{key: value or {} for key, value in given.to_dict().items()},
             "next_experiment": None if self.planned is None else self.planned.to_dict(),
             "notes": [*self.statements, *self.notes],
             "altered": list_alterations(self.altered),

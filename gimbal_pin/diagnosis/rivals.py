@@ -36,7 +36,6 @@ class Contest:
         without: The model without it.
         gain: Its gain beside all others by fold, nats, (K,).
         rivals: The best shape of every other cause there.
-        probabilities: Of the finding and each rival, in this order.
     """
 
     own: tuple[Candidate, ...]
@@ -44,7 +43,6 @@ class Contest:
     without: Solution
     gain: Array
     rivals: tuple[Hit, ...]
-    probabilities: tuple[float, ...]
 
     @property
     def name(self) -> str:
@@ -93,8 +91,7 @@ def _hold_contest(
     for hit in search.refine(without, hits, MOST_RIVALS):
         rivals.setdefault(hit.candidate.name, hit)
     hits = list(rivals.values())
-    probabilities = weigh(gain, first.log_prior, hits)
-    return Contest(causes, joint, without, gain, tuple(hits), probabilities)
+    return Contest(causes, joint, without, gain, tuple(hits))
 
 
 def weigh(gain: Array, log_prior: float, rivals: Sequence[Hit]) -> tuple[float, ...]:
@@ -110,11 +107,6 @@ def weigh(gain: Array, log_prior: float, rivals: Sequence[Hit]) -> tuple[float, 
     """
     by_fold = np.array([gain, *(hit.by_fold for hit in rivals)])
     prior = np.array([log_prior, *(hit.candidate.log_prior for hit in rivals)])
-    return weigh_gains(by_fold, prior)
-
-
-def weigh_gains(by_fold: Array, prior: Array) -> tuple[float, ...]:
-    """Return the probabilities of models with gains by fold (m, K), nats, and log priors (m,): see `weigh`."""
     folds = by_fold.shape[1]
     weights = folds * np.random.default_rng(0).dirichlet(np.ones(folds), DRAWS)
     score = weights @ by_fold.T + prior

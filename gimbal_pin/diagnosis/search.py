@@ -265,8 +265,8 @@ class Search:
         rows = {j: B[:, places] for j, B in enumerate(solution.base) if B[:, places].any()}
         return np.asarray(without.fit.measure(self.pack_rows(rows)).by_fold[0])
 
-    def build_shelves(self, solution: Solution) -> list[Shelf]:
-        """Return all candidates' columns at every joint."""
+    def build_shelves(self, torque: Sequence[Array]) -> list[Shelf]:
+        """Return all candidates' columns at every joint beside a model with some torque, N m, (m, n) per stretch."""
         problem = self.problem
         return [
             shelf
@@ -276,7 +276,7 @@ class Search:
                 self.whitening,
                 list_candidates(problem.rig, j, problem.ranges[j]),
                 j,
-                solution.torque,
+                torque,
             )
         ]
 
@@ -411,7 +411,7 @@ def find_causes(search: Search, shelves: Sequence[Shelf] = ()) -> Found:
     settings = problem.settings
     first = search.solve(())
     solution = first
-    shelves = search.renew_shelves(shelves, first) or search.build_shelves(first)
+    shelves = search.renew_shelves(shelves, first) or search.build_shelves(first.torque)
     rejected = list[Rejection]()
     while len(solution.accepted) < settings.most_causes + 2 * problem.rig.n:
         past = [rejection.candidate for rejection in rejected]

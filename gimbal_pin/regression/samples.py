@@ -335,7 +335,7 @@ class UnfilteredTorque(NamedTuple):
         )
 
     def smoothed(self, torque: Array, late: float = 0.0) -> Array:
-        """Return torques at the log's samples, N m, (L, k), resampled and smoothed, (m, k); `late`: later by that, s."""
+        """Return torques at the log's samples, N m, (L, k), resampled and smoothed, (m, k); `late`: delay, s."""
         even = signals.resample(self.t + late, torque, self.grid)
         return np.asarray(signals.zero_phase(even, self.sections)[:: self.step])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import isfinite, isnan
 from typing import TYPE_CHECKING, Any
 
@@ -128,16 +129,18 @@ def describe_unconfirmed(finding: Finding) -> str:
 
 
 def state_gain(found: Diagnosis, finding: Finding) -> str:
-    """Say by how much a finding lowers the held-out torque error of its joint."""
-    force = get_force(found, finding.at)
+    """Say by how much a finding lowers the torque error of its joint, which is of the folds that chose it.
+
+    The table of the held-out errors is of rows that chose nothing, where there are such.
+    """
     before = finding.before
     after = finding.after
-    scale, unit = torque_unit(max(before, after), force)
+    scale, unit = torque_unit(max(before, after), get_force(found, finding.at))
     change = 100 * (after / before - 1) if before > 0 else 0.0
     sign = "+" if change > 0 else ""
     where = "" if finding.at == finding.joint else f" at {finding.at}"
     errors = f"{figures(scale * before, 2)} → {figures(scale * after, 2)} {unit}"
-    return f"held-out torque error{where} {errors} ({sign}{figures(change, 2)} %)"
+    return f"cross-validated torque error{where} {errors} ({sign}{figures(change, 2)} %)"
 
 
 def state_size(figure: Parameter) -> str:
@@ -150,8 +153,15 @@ def state_size(figure: Parameter) -> str:
 
 
 def state_sizes(parameters: Sequence[Parameter]) -> str:
-    """Return figures with their intervals."""
-    return ", ".join(map(state_size, parameters))
+    """Return figures with their intervals; of several harmonics the amplitude at each, the strongest first."""
+    if not any(figure.name == "harmonic_2" for figure in parameters):
+        return ", ".join(map(state_size, parameters))
+    name = parameters[0].name
+    each = [
+        f"{state_size(replace(size, name=name)).removeprefix(f'{name} ')} at {order.value:g}"
+        for size, order in zip(parameters[::3], parameters[1::3])
+    ]
+    return f"{name} {', '.join(each)} per turn"
 
 
 def list_alternatives(finding: Finding) -> list[str]:

@@ -332,7 +332,7 @@ def auto(
 def finds_more(wrong: Diagnosis, known: Model | None) -> bool:
     """Return whether a diagnosis finds a cause that a known model has not already."""
     if known is None:
-        return wrong.is_extended
+        return bool(wrong.lacking)
     causes = (*(term.effect for term in known.terms), *known.changes)
     found = {(finding.cause, finding.joint or "rig") for finding in wrong.lacking}
     return not found <= {(cause.name, cause.place) for cause in causes}

@@ -153,7 +153,7 @@ def summary(
         model[0] = rate_fit(
             "Fit of the torque", fits, f"{where}; the URDF's {percent(stated)}, at {worst}"
         )
-        if wrong.is_extended:
+        if wrong.lacking:
             fits = wrong.held_out.extended.fit_percent
             model.insert(1, rate_fit("With what was found", fits, where))
             fit = min(fits.values())
@@ -250,8 +250,7 @@ def missed(wrong: Diagnosis | None) -> str:
     if wrong.verdict == "data":
         return state_verdict(wrong)[:-1]
     if not (wrong.lacking or wrong.unexplained):
-        is_silent = wrong.verdict_without_platform == "nothing"
-        return "" if is_silent else state_verdict(wrong)[:-1]
+        return "" if wrong.is_silent else state_verdict(wrong)[:-1]
     found = listed(map(name_finding, wrong.lacking)) if wrong.lacking else ""
     rest = (
         f"torque at {listed(wrong.unexplained)} for which no cause was accepted"

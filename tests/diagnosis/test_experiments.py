@@ -21,7 +21,6 @@ from gimbal_pin.diagnosis import (
 )
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import CAUSES, parse_effect
-from gimbal_pin.excitation import Envelope
 from gimbal_pin.log import Log, Motion, read_motion
 from gimbal_pin.report.sections.experiment import describe_next_experiment
 from gimbal_pin.rig import Rig
@@ -69,9 +68,9 @@ def follow(planted: str) -> NextExperiment:
 
 
 def plan(diagnosis: Diagnosis) -> NextExperiment:
-    """Return the next experiment of a diagnosis, of few tries."""
+    """Return the next experiment of a diagnosis."""
     rng = np.random.default_rng(3)
-    planned = plan_next_experiment(diagnosis, rng, tries=8, dt=DT).planned
+    planned = plan_next_experiment(diagnosis, rng, dt=DT).planned
     assert planned is not None
     return planned
 
@@ -104,18 +103,16 @@ def test_no_motion_separates_a_bias_from_asymmetric_friction() -> None:
     (one,) = planned.partings
     assert one.nats_expected is None and not one.is_named
     assert one.instead == tuple(CAUSES[name].experiment for name in (one.cause, one.rival))
-    assert all(len(line.split()) <= 25 for line in describe_next_experiment(planned))
+    lines = describe_next_experiment(planned)
+    assert len({*lines}) == len(lines) and all(len(line.split()) <= 25 for line in lines)
 
 
-def test_the_next_experiment_keeps_to_the_limits_and_to_rest() -> None:
-    planned = follow(SPRING)
-    motion = planned.motion
-    assert motion is not None and planned.seconds == pytest.approx(20.0)
-    assert Envelope.of(RIG).find_largest_shares(nominal(RIG), motion).max() <= 1 - 0.99 * 0.05
-    for end in (0, -1):
-        np.testing.assert_allclose([motion.v[end], motion.a[end]], 0.0, atol=1e-9)
-    np.testing.assert_allclose(np.gradient(motion.q, DT, axis=0)[1:-1], motion.v[1:-1], atol=1e-2)
-    assert len(describe_next_experiment(planned)) > len(planned.partings)
+def test_no_motion_is_tried_where_one_cause_acts_on_the_command() -> None:
+    (finding, *_) = begin(SPRING).findings
+    drive = replace(finding, cause="delay", alike=("delay", "actuator-lag"))
+    planned = plan(replace(begin(SPRING), findings=(drive,)))
+    assert planned.motion is None and not planned.partings[0].is_tried
+    assert "no motion was tried" in describe_next_experiment(planned)[0]
 
 
 def test_the_next_experiment_is_a_file_that_holds_the_joints_that_the_logs_hold(
@@ -169,9 +166,9 @@ MOTION = fourier(RIG, 3, 20.0, DT)
 
 
 @cache
-def rehearsed(noise: float = 0.01) -> Rehearsal:
-    """Rehearse a motion with so much torque noise."""
-    return rehearse(RIG, MOTION, torque_noise=noise, rng=0)
+def rehearsed() -> Rehearsal:
+    """Rehearse a motion with torque noise of 1 %."""
+    return rehearse(RIG, MOTION, torque_noise=0.01, rng=0)
 
 
 def row(found: Rehearsal, cause: str) -> Rehearsed:
@@ -214,13 +211,6 @@ def test_causes_that_a_log_cannot_tell_apart_or_show_are_listed_beforehand() -> 
     hidden = row(rehearsed(), "encoder-offset")
     assert (hidden.seen_from, hidden.shown) == (None, 0)
     assert hidden.why == CAUSES["encoder-offset"].hidden
-
-
-def test_noise_hides_in_proportion() -> None:
-    """Where noise and not an error of form is what hides a cause, twice the noise hides one twice as large."""
-    less, more = (row(rehearsed(noise), "cogging").seen_from for noise in (0.2, 0.4))
-    assert less is not None and more is not None
-    assert 1.6 < more.value / less.value < 2.5
 
 
 def test_every_size_is_an_effect_that_simulate_plants() -> None:

@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from gimbal_pin.checks import Fault
+from gimbal_pin.diagnosis.pipeline import find_kept_log
+from gimbal_pin.effects import Cogging
+from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import Opinion, judge_joint
-from tests.diagnosis.cases import TEETH, find
+from gimbal_pin.report.diagnosis_text import state_sizes
+from tests.diagnosis.cases import TEETH, find, log_of
 
 
 def test_no_poor_or_degraded_fit_is_explained() -> None:
@@ -57,3 +61,20 @@ def test_a_fault_of_the_data_comes_before_all_findings() -> None:
     spoilt = replace(find("turret", *TEETH), faults=(fault,))
     causes = [one["cause"] for one in spoilt.to_dict()["findings"]]
     assert causes[0] == fault.cause and set(causes[1:]) == {"cogging", "stribeck"}
+
+
+def test_a_held_out_log_is_the_one_that_was_asked_for() -> None:
+    """Logs that are left out keep their numbers."""
+    given = [replace(log_of(), name=f"{k}.csv") for k in range(3)]
+    assert find_kept_log("log:3", given, given) == "log:3"
+    assert find_kept_log("log:3", given, given[1:]) == "log:2"
+    with pytest.raises(UsageError, match="left out"):
+        find_kept_log("log:1", given, given[1:])
+
+
+def test_of_several_harmonics_the_amplitudes_are_told() -> None:
+    teeth = Cogging("pan", (7.0, 14.0))
+    assert (
+        state_sizes(teeth.shown([0.1, 0.0, 0.3, 0.0]))
+        == "amplitude 0.3 N m at 14, 0.1 N m at 7 per turn"
+    )

@@ -64,7 +64,7 @@ OPEN = 0.5
 
 def show_diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
-    is_good = found.verdict_without_platform == "nothing" and not found.unexplained
+    is_good = found.is_silent and not found.unexplained
     headline = paragraph(state_verdict(found), f"headline {'good' if is_good else 'fair'}")
     remarks = [paragraph(one) for one in list_remarks(found)]
     beside = [headline, *remarks, *state_model_errors(found)]
@@ -144,7 +144,7 @@ def show_finding(finding: Finding, gain: str, is_believed: bool) -> list[object]
     """
     is_listed = len(finding.parameters) > tables.MOST  # the harmonics of a motor's teeth
     lines = list[str]()
-    if finding.parameters and not is_listed:
+    if finding.parameters:
         interval = " (± 95 %)" if finding.sized else ""
         lines.append(f"{to_sentence(state_sizes(finding.parameters))[:-1]}{interval}.")
     lines += [to_sentence(gain), *list_alternatives(finding)]

@@ -4,41 +4,38 @@ from __future__ import annotations
 
 from gimbal_pin.diagnosis import NextExperiment
 from gimbal_pin.diagnosis.planning import Parting
-from gimbal_pin.report.format import figures
+from gimbal_pin.report.format import figures, listed
 
 
 def describe_next_experiment(planned: NextExperiment) -> list[str]:
     """Return what the next experiment separates, by what, and how to run it."""
-    lines = [line for one in planned.partings for line in _describe_parting(one)]
+    lines = [_describe_parting(parting) for parting in planned.partings]
+    instead = dict[str, dict[str, None]]()
+    for parting in planned.partings:
+        for way in () if parting.is_named else parting.instead:
+            instead.setdefault(way, {})[parting.joint or "rig"] = None
+    lines += [f"{listed(joints)}: try also {way}." for way, joints in instead.items()]
     if planned.motion is None:
         return lines
-    lines.append(
-        f"The motion lasts {figures(planned.seconds)} s, from rest to rest within the rig's limits."
-    )
+    length = figures(planned.seconds)
+    lines.append(f"The motion lasts {length} s, from rest to rest within the rig's limits.")
     lines.append("Play it, and diagnose its log with the others, or alone.")
     if not planned.finished:
         lines.append("The search was interrupted; the motion is the best so far.")
     return lines
 
 
-def _describe_parting(one: Parting) -> list[str]:
-    """Return the sentences on a finding and a cause that is not told from it."""
-    who = one.joint or "rig"
-    pair = f"{one.cause} from {one.rival}"
-    if one.nats_expected is None:
-        return [f"{who}: no motion separates {pair}.", *_list_instead(one)]
-    now = (
-        ""
-        if one.nats_now is None
-        else f"; so far it is {figures(max(round(one.nats_now, 1), 0.0))} nats"
+def _describe_parting(parting: Parting) -> str:
+    """Return the sentence on a finding and a cause that is not told from it."""
+    head = f"{parting.joint or 'rig'}: "
+    pair = f"{parting.cause} from {parting.rival}"
+    if not parting.is_tried:
+        return f"{head}no motion was tried that would separate {pair}."
+    if parting.nats_expected is None:
+        return f"{head}no motion that was tried separates {pair}."
+    how = "separates" if parting.is_named else "hardly separates"
+    gain, now = (
+        figures(max(round(nats, 1), 0.0)) for nats in (parting.nats_expected, parting.nats_now or 0)
     )
-    gain = f"the expected gain is {figures(max(round(one.nats_expected, 1), 0.0))} nats{now}"
-    if one.is_named:
-        return [f"{who}: the motion separates {pair}: {gain}."]
-    return [f"{who}: the motion hardly separates {pair}: {gain}.", *_list_instead(one)]
-
-
-def _list_instead(one: Parting) -> list[str]:
-    """Return other experiments that may separate two causes."""
-    who = one.joint or "rig"
-    return [f"{who}: try also {way}." for way in dict.fromkeys(one.instead)]
+    so_far = "" if parting.nats_now is None else f"; so far it is {now} nats"
+    return f"{head}the motion {how} {pair}: the expected gain is {gain} nats{so_far}."
