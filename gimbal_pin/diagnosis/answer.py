@@ -137,7 +137,10 @@ def _state_finding(
     curve = measure_curve(search, final, joint, name)
     share = max(compute_share(before, curve * after, rest), least_share)
     compared = gain if compared is None else compared
-    chances = weigh(compared, log_prior, hits)
+    chances = weigh(
+        np.array([compared, *(hit.by_fold for hit in hits)]),
+        np.array([log_prior, *(hit.candidate.log_prior for hit in hits)]),
+    )
     rivals = [
         Rival(
             hit.candidate.name,

@@ -243,11 +243,13 @@ def vary_shape(candidate: Candidate, step: float, ranges: OperatingRange) -> lis
     """Return the candidate with its refined shape parameters a step higher and lower, as far as logs can show it."""
     cause = candidate.cause
     name = REFINEMENTS[candidate.name][0]
-    low, high = -inf, inf
+    low = -inf
+    high = inf
     if candidate.name == "joint-flexibility":
         high = RESONANCE_BAND * ranges.band
     if candidate.name == "stribeck":
-        low, high = max(3 * ranges.rate_std, 0.01 * ranges.rate), ranges.rate
+        low = max(3 * ranges.rate_std, 0.01 * ranges.rate)
+        high = ranges.rate
     if isinstance(cause, CableSpring):
         shift = (step - 1.0) * ranges.travel
         values = [

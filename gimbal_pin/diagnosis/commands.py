@@ -102,7 +102,7 @@ class Drive:
 
     @property
     def signal(self) -> Signal:
-        """What it makes of the command."""
+        """The map from the command to the torque that acts."""
         assert isinstance(self.hit.candidate.cause, Signal)
         return self.hit.candidate.cause
 

@@ -14,7 +14,6 @@ from math import atan2, hypot, pi
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import block_diag
-from scipy.optimize import minimize
 
 from gimbal_pin.diagnosis.problem import Problem
 from gimbal_pin.diagnosis.rig_causes import build_standing_platform
@@ -59,6 +58,8 @@ class Mount:
 
 def find_mount(rig: Rig, rows: Rows) -> Mount | None:
     """Return the direction of gravity that predicts the torques of a standing base best; None: nearly the URDF's."""
+    from scipy.optimize import minimize
+
     measure = _build_error(rig, rows)
     given = -rig.model.gravity.linear
     before = measure(given)

@@ -37,13 +37,14 @@ def describe_rest(search: Search, solution: Solution) -> list[Rest]:
 
 
 def _describe_joint(search: Search, solution: Solution, joint: int) -> Rest:
-    """Return what a model leaves at a joint; what is immaterial is not looked into."""
+    """Return what a model leaves at a joint; what is immaterial beside no cause is not looked into."""
     problem = search.problem
     settings = problem.settings
     torque = float(problem.torque_rms[joint])
     material = settings.material_share * torque
     error = float(solution.errors[joint])
-    if error <= material:
+    has_causes = any(cause.joint in (joint, None) for cause in solution.accepted)
+    if error <= material and not has_causes:
         return Rest(error)
     structure = find_structure(search, solution, joint)
     bursts = find_bursts(search, solution, joint)

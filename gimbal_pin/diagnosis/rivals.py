@@ -94,24 +94,22 @@ def _hold_contest(
     return Contest(causes, joint, without, gain, tuple(hits))
 
 
-def weigh(gain: Array, log_prior: float, rivals: Sequence[Hit]) -> tuple[float, ...]:
-    """Return the probability of a finding and of each rival: stacking weights by the Bayesian bootstrap over blocks.
+def weigh(gains: Array, log_priors: Array) -> list[float]:
+    """Return the probabilities of models: stacking weights by the Bayesian bootstrap over folds.
 
-    Pseudo-BMA+ of Yao, Vehtari, Simpson and Gelman (Bayesian Analysis 13, 2018), with the causes' priors. The draws are
+    Pseudo-BMA+ of Yao, Vehtari, Simpson and Gelman (Bayesian Analysis 13, 2018), with the models' priors. The draws are
     those of a fixed generator: they estimate an integral, and nothing random is wanted in an answer.
 
     Args:
-        gain: The finding's gain by fold, nats, (K,).
-        log_prior: Its log prior.
-        rivals: The rivals.
+        gains: Their gains by fold, nats, (m, K).
+        log_priors: Their log priors, nats, (m,).
     """
-    by_fold = np.array([gain, *(hit.by_fold for hit in rivals)])
-    prior = np.array([log_prior, *(hit.candidate.log_prior for hit in rivals)])
-    folds = by_fold.shape[1]
+    folds = gains.shape[1]
     weights = folds * np.random.default_rng(0).dirichlet(np.ones(folds), DRAWS)
-    score = weights @ by_fold.T + prior
+    score = weights @ gains.T + log_priors
     odds = np.exp(score - score.max(axis=1, keepdims=True))
-    return tuple((odds / odds.sum(axis=1, keepdims=True)).mean(axis=0).tolist())
+    probabilities: list[float] = (odds / odds.sum(axis=1, keepdims=True)).mean(axis=0).tolist()
+    return probabilities
 
 
 def is_close(search: Search, nats: float, std: float, probability: float) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import score
-from gimbal_pin.diagnosis.rivals import weigh_gains
+from gimbal_pin.diagnosis.rivals import weigh
 from gimbal_pin.diagnosis.score import (
     compare_fits,
     compute_gain,
@@ -87,9 +87,9 @@ def test_a_gain_that_rests_on_one_fold_is_as_unsure_as_it_is_large() -> None:
 
 def test_probabilities_are_the_priors_of_equals_and_sure_only_where_many_folds_tell() -> None:
     gain = np.arange(8.0)
-    own, other = weigh_gains(np.array([gain, gain]), np.array([0.0, -1.0]))
+    own, other = weigh(np.array([gain, gain]), np.array([0.0, -1.0]))
     assert own / other == pytest.approx(np.e)
     event, steady = np.zeros((2, 20))
     event[3], steady[:] = 8.0, 0.4
-    unsure, sure = (weigh_gains(np.array([x, 0 * x]), np.zeros(2))[0] for x in (event, steady))
+    unsure, sure = (weigh(np.array([x, 0 * x]), np.zeros(2))[0] for x in (event, steady))
     assert 0.5 < unsure < 0.95 < 0.999 < sure
