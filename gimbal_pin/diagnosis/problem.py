@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import pandas as pd
 
 from gimbal_pin.diagnosis.rows import Rows
 from gimbal_pin.diagnosis.settings import Settings
@@ -202,6 +201,8 @@ def _compute_prior_precision(
     A parameter's size is its URDF value, the rms of its kind over its link, or a share of the largest of its kind,
     whichever is greatest: a URDF states many parameters as zero that are none.
     """
+    import pandas as pd
+
     names = [reduction.names[k].rsplit(".", 1) for k in reduction.independent]
     links = np.array([link for link, _ in names])
     # An inertia, a first moment or a mass.
