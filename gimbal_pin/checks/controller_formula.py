@@ -84,7 +84,12 @@ def check_controller_formula(rig: Rig, log: Log, filtering: Filtering) -> Examin
     power = np.maximum(np.var(tau[kept], axis=0), 1e-300)
     maps = [build_angle_map(q[kept, j], v[kept, j], log.dt) for j in range(rig.n)]
     found = [fit_formula(log.t, q[:, j], v[:, j], tau[:, j], kept, maps[j]) for j in range(rig.n)]
-    like = [j for j, one in enumerate(found) if one.gain > 0 and one.left < LEFT * power[j]]
+    driven = np.ptp(log.tau, axis=0) > 0.0
+    like = [
+        j
+        for j, formula in enumerate(found)
+        if driven[j] and formula.gain > 0 and formula.left < LEFT * power[j]
+    ]
     if not like:
         return check_formula_of_angles(rig, log, filtering)
     a = signals.differentiate(v, log.dt)
@@ -156,7 +161,9 @@ def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examine
     left = left[best, range(rig.n)]
     inert = inert[best, range(rig.n)]
     powers = np.maximum(np.var(tau[kept], axis=0), 1e-300)
-    judged = (inert > SEEN * np.mean(hidden**2, axis=0)) & (left < LEFT * powers)
+    # A torque that is zero all along is no formula's; another check tells it.
+    driven = np.ptp(log.tau, axis=0) > 0.0
+    judged = driven & (inert > SEEN * np.mean(hidden**2, axis=0)) & (left < LEFT * powers)
     ratio = np.where(judged, inert / np.maximum(left, 1e-300), 0.0)
     worst = int(np.argmax(ratio))
     if ratio[worst] < INERT:

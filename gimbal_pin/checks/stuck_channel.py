@@ -81,11 +81,15 @@ def check_stuck_channel(rig: Rig, log: Log, filtering: Filtering) -> Examined | 
     )
     column = get_channels(log)[worst.channel][:, worst.joint]
     railed = np.all(np.isin(column[worst.rows], (column.min(), column.max())))
+    where = f" ({len(found)} channels in all)" * (len(found) > 1)
     sentence = (
         f"{joint}: the {what} {'ends at a rail' if railed else 'stands still'} for up to {digits(longest, 2)} s "
-        f"({digits(100 * share, 2)} % of the log) while the joint moves on"
-    ) + f" ({len(found)} channels in all)" * (len(found) > 1)
+        f"({digits(100 * share, 2)} % of the log) while the joint moves on{where}"
+    )
     mend = f"check the {what} sensor's wiring, range and bus messages, and record again"
+    if worst.channel == "tau" and not column.any():
+        sentence = f"{joint}: the torque is zero all along while the joint moves{where}"
+        mend = "log what its drive reports; a joint without a motor cannot be diagnosed"
     fault = Fault("stuck-channel", joint, sentence, figures, worst.loudness / LOUD, True, mend)
     return Examined(fault, () if bad.mean() > 0.5 else (log.part(np.flatnonzero(~bad)),))
 

@@ -130,13 +130,13 @@ def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shif
     shifts = np.arange(
         -LARGEST_TIME_SHIFT, LARGEST_TIME_SHIFT + TIME_SHIFT_STEP / 2, TIME_SHIFT_STEP
     )
-    rows, shifted = build_shifted_rows(
+    rows, shifted, added = build_shifted_rows(
         build_design(rig, subsample_log(log, SHIFT_TIME).log, slow), shifts
     )
     if not rows:
         return ()
     torque = np.concatenate(shifted)
-    columns = np.concatenate([block.A for block in rows])
+    columns = np.concatenate([np.concatenate([x.A, y], axis=2) for x, y in zip(rows, added)])
     used = count_effective_rows(rows)
     late = shifts + log.dt / 2
     found = []
@@ -158,13 +158,17 @@ def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shif
     return tuple(found)
 
 
-def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list[Array]]:
-    """Return each segment's rows, and their torques with so many shifts, s, (m, n, s), none of which leads outside.
+def build_shifted_rows(
+    design: Design, shifts: Array
+) -> tuple[list[Block], list[Array], list[Array]]:
+    """Return the rows of each segment, their torques at some shifts, s, (m, n, s), and further columns, (m, n, 2).
 
-    A torque that acts later is the same torque, read earlier under the same mask: the columns are computed once.
+    A torque that acts later is the same torque, read earlier under the same mask: the columns are computed once. The
+    further columns are an inertia and an offset of each joint: a rotor that the URDF does not state looks like a shift.
     """
     rows = list[Block]()
     torques = list[Array]()
+    added = list[Array]()
     filtering = design.filtering
     for log in design.logs:
         carrier = find_moving_base(design.rig, log)
@@ -186,7 +190,10 @@ def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list
             ]
             rows.append(block)
             torques.append(np.stack([way.filter_torque(one) - block.known for one in each], axis=2))
-    return rows, torques
+            rotor = samples.a[way.few]
+            laws = [way.filter_torque(x) for x in (rotor, np.ones_like(rotor))]
+            added.append(np.stack(laws, axis=2))
+    return rows, torques, added
 
 
 def compute_errors(A: Array, b: Array) -> Array:
