@@ -225,10 +225,10 @@ def _list_shifts(explanation: Explanation, covariance: Array) -> list[Finding]:
     places = [problem.get_own_columns(j).start + SHIFT for j in problem.joints]
     shifts = explanation.found.final.fit.theta[places]
     std = np.sqrt(np.diag(covariance)[places])
-    is_late = shifts > settings.shift_seconds + 2 * std
+    is_late = shifts > settings.shift_seconds + settings.clear_deviations * std
     if problem.rig.n >= 3:
         apart = np.minimum(shifts, shifts - np.median(shifts))
-        is_late |= apart > settings.shift_apart_seconds + 2 * std
+        is_late |= apart > settings.shift_apart_seconds + settings.clear_deviations * std
     return [
         finding
         for j in np.flatnonzero(is_late).tolist()

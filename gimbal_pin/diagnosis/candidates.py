@@ -12,6 +12,7 @@ from math import inf, isnan, log, pi
 import numpy as np
 from scipy import fft
 
+from gimbal_pin.diagnosis.rows import FADE_SHARE
 from gimbal_pin.effects import (
     CAUSES,
     CableSpring,
@@ -36,11 +37,15 @@ LOG_PRIORS = {
     "friction-drift": -1.0,
     "torque-gain": -1.0,
     "joint-flexibility": -2.0,
+    "saturation": -1.0,
+    "dead-zone": -1.0,
 }
 """Log prior of a cause, nats; 0 for the others. What every peer's base model has comes first; what imitates anything
-comes last."""
+comes last. Chosen on the development logs."""
 PART_TURN_COST = 3.0
-"""Cost of a harmonic of which less than one period was travelled, nats: it is a bend like any other."""
+"""Cost of a harmonic of which less than one period was travelled, nats: it is a bend like any other.
+
+A part of the prior, chosen on the development logs."""
 ORDINARY = ("torque-bias", "armature")
 """Causes that are tried before all others."""
 DRAG_POWERS = (1.3, 1.5, 1.7, 1.85, 2.0, 2.25, 2.5, 3.0, 3.5)
@@ -50,17 +55,20 @@ PASSIVE = ("stribeck", "quadratic-drag")
 DRIVES = ("joint-flexibility",)
 """Causes that act on the command and have columns that read the model's own torque."""
 RESONANCE_SHARE = (0.25, 1.5)
-"""Admissible share of a joint's torque that stands behind its spring."""
+"""Admissible share of a joint's torque that stands behind its spring: 1 is a rotor without inertia, and a fit errs.
+
+Chosen on the development logs."""
 RESONANCE_DAMPING = 0.05
-"""Damping ratio of the resonances that are tried."""
-RESONANCE_BAND = 0.75
-"""Highest resonance, in bands: above it noise of the acceleration looks like one."""
+"""Damping ratio of the resonances that are tried, that of lightly damped joints; a drive's own is refined."""
+RESONANCE_BAND = 1.0 - FADE_SHARE
+"""Highest resonance that is tried, in bands: above it rows fade out, and noise of the acceleration looks like one."""
 LARGEST_RIPPLE = 0.5
 """Largest ripple that a motor has, as a share of its torque: that of a single-phase motor."""
 SMALLEST_PERIODS = 0.35
-"""Periods of a harmonic that must be travelled for it to be tried."""
+"""Periods of a harmonic that must be travelled for it to be tried: a third of one is a bend. Chosen on the development
+logs."""
 HARMONICS = {"cogging": 400, "torque-ripple": 60, "position-dependent-friction": 16}
-"""Highest harmonic that is tried, per turn; above 100 the even ones alone."""
+"""Highest harmonic that is tried, per turn; above 100 the even ones alone. It bounds the grid: more take longer."""
 
 
 @dataclass(frozen=True)
@@ -118,9 +126,9 @@ class Candidate:
 
         Args:
             coefficients: Its own.
-            friction: Dry and viscous friction beside it, in their deviations.
+            friction: Dry and viscous friction beside it, over what is told from zero.
         """
-        if self.name in PASSIVE and len(friction) and friction.min() < -2.0:
+        if self.name in PASSIVE and len(friction) and friction.min() < -1.0:
             return False
         if self.name == "joint-flexibility":
             return RESONANCE_SHARE[0] < coefficients[0] < RESONANCE_SHARE[1]

@@ -19,7 +19,7 @@ from math import log
 
 import numpy as np
 
-from gimbal_pin.diagnosis.candidates import RESONANCE_BAND, Candidate
+from gimbal_pin.diagnosis.candidates import LOG_PRIORS, RESONANCE_BAND, Candidate
 from gimbal_pin.diagnosis.problem import SHIFT, Problem, compute_torque
 from gimbal_pin.diagnosis.score import BlockFit, compare_fits
 from gimbal_pin.diagnosis.search import Hit, Search, Solution, compute_solution_gain
@@ -38,8 +38,6 @@ from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.log.log import Array
 
-LOG_PRIORS = {"saturation": -1.0, "dead-zone": -1.0, "joint-flexibility": -2.0}
-"""Log priors of drives, nats; 0 for the others. All shapes of a drive share its prior."""
 STEPS = {
     "saturation": {"limit": 1.1},
     "dead-zone": {"width": 1.15},
@@ -52,15 +50,12 @@ STEPS = {
 KINDS = (Saturation, DeadZone, Backlash, JointFlexibility, Delay, ActuatorLag)
 """Drives that are tried."""
 ROUNDS = 8
-"""Rounds of a refinement; where one does not gain, the next takes the root of its steps."""
-REPLACED_SHARE = 0.5
-"""Share of the gain of a joint's causes that a drive in their place must have, before other causes join it."""
-CHANGED_SHARE = 0.1
-"""Change of a torque, as a share of it, from which it is another one."""
+"""Rounds of a refinement; where one does not gain, the next takes the root of its steps. It bounds the
+time."""
 HIGHEST_LIMIT = 2.0
 """Highest limit that is tried, as a share of the largest torque: a soft one beyond bends it by less than an eighth."""
 SMALLEST_INERTIA = 1e-9
-"""Inertia below which a joint has none, kg m²."""
+"""Inertia below which a joint has none, kg m²: its logarithm must exist."""
 
 
 def list_drives(kind: type[Cause], joint: str, seen: OperatingRange) -> list[Cause]:
@@ -207,19 +202,24 @@ class DriveTest:
             yield part.samples.tau[:, [self.joint]] - part.logged.smoothed(lost)
 
     def _shows_inertia(self, fit: BlockFit) -> bool:
-        """Return whether the joint's inertia is known to half of itself with 95 % confidence."""
+        """Return whether the joint's inertia is known to half of itself, by two deviations."""
         problem = self.search.problem
         direction = problem.inertia[self.joint]
         covariance = compute_white_covariance(fit)[: problem.base_count, : problem.base_count]
         inertia = compute_inertia(problem, self.solution, self.joint, fit)
-        return bool(direction @ covariance @ direction < (inertia / 4) ** 2)
+        std = np.sqrt(direction @ covariance @ direction)
+        settings = problem.settings
+        return bool(settings.clear_deviations * std < settings.main_share * inertia)
 
     def _fixes_scale(self, torque: Sequence[Array]) -> bool:
         """Return whether a drive leaves half of the joint's torque as it was, in time or in power."""
+        settings = self.search.problem.settings
         command = np.concatenate(self.commands)
-        is_kept = np.abs(np.concatenate(torque) - command) < CHANGED_SHARE * np.abs(command)
+        change = np.abs(np.concatenate(torque) - command)
+        is_kept = change < settings.max_change_share * np.abs(command)
         power = command**2
-        return bool(max(is_kept.mean(), power[is_kept].sum() / max(power.sum(), 1e-300)) >= 0.5)
+        share = max(is_kept.mean(), power[is_kept].sum() / max(power.sum(), 1e-300))
+        return bool(share >= settings.main_share)
 
     def screen(self) -> list[Drive]:
         """Return the best shape of each kind of drive, the best first."""
@@ -317,7 +317,8 @@ def find_drives(search: Search, final: Solution, joint: int) -> list[Drive]:
         final: The model with all causes.
         joint: The joint.
     """
-    nats = search.problem.settings.gain_nats
+    settings = search.problem.settings
+    nats = settings.gain_nats
     test = DriveTest(search, final, joint)
     tests = [(test, 0.0)]
     causes = [x for x in final.accepted if x.joint == joint]
@@ -329,7 +330,7 @@ def find_drives(search: Search, final: Solution, joint: int) -> list[Drive]:
         clear = [
             x
             for x in test.screen()
-            if search.is_clear(x.hit, nats) and x.hit.gain > REPLACED_SHARE * explained
+            if search.is_clear(x.hit, nats) and x.hit.gain > settings.main_share * explained
         ]
         for drive in clear:
             sure = test.discount_noise(drive)

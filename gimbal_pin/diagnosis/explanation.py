@@ -36,9 +36,6 @@ from gimbal_pin.effects import BaseTilt
 from gimbal_pin.log.platform import BaseMotion, Platform
 from gimbal_pin.rig.rig import Rig
 
-MOST_DRIVES = 2
-"""Most drives at a joint behind which the whole search is repeated."""
-
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
@@ -87,7 +84,7 @@ def choose_explanation(rig: Rig, rows: Rows, base: BaseMotion, settings: Setting
     final = best.found.final
     turns = [one for one in final.accepted if isinstance(one.cause, BaseTilt)]
     upright = best.search.fit_without(final, turns)
-    for mount in (find_mount(rig, rows), find_turn(best.search.problem, final)):
+    for mount in (find_mount(rig, rows, settings), find_turn(best.search.problem, final)):
         if mount is not None and mount.share >= settings.tilt_share:
             other = _search_turned(best, mount, upright)
             if _is_turn_better(best, other, upright):
@@ -179,7 +176,7 @@ def _add_drive(before: Explanation, joint: int) -> Explanation:
     least = settings.unwhitened_share * settings.material_share * level
     best = before
     most = settings.gain_nats
-    for drive in find_drives(search, old, joint)[:MOST_DRIVES]:
+    for drive in find_drives(search, old, joint)[: settings.max_drives]:
         problem = replace_torque(search.problem, joint, drive.torque)
         after = _search(replace(search, problem=problem), before.found.shelves)
         new = after.found.final

@@ -19,7 +19,8 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig
 
 LARGEST_SHARE = 0.98
-"""Largest share behind a spring that the model holds: a rotor without inertia has no resonance."""
+"""Largest share behind a spring that the model holds: a rotor without inertia has no resonance. It changes the
+extended model and no verdict."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,10 @@ from gimbal_pin.diagnosis.problem import Columns, Problem, Whitening
 from gimbal_pin.diagnosis.score import Pack, pack_columns
 from gimbal_pin.log.log import Array
 
+STALE_TORQUE = 1e-3
+"""Change of a joint's predicted torque, as a share of it, rms, from which columns that read it are built anew: a tenth
+of the torque that matters."""
+
 
 @dataclass(frozen=True, eq=False)
 class Shelf:
@@ -106,7 +110,7 @@ def renew_shelves(
     for shelf in shelves:
         level = np.concatenate([x[:, shelf.joint] for x in torque])
         change = float(np.linalg.norm(level - shelf.torque))
-        is_stale = change > problem.settings.stale_torque * float(np.linalg.norm(level))
+        is_stale = change > STALE_TORQUE * float(np.linalg.norm(level))
         if is_stale and shelf.candidates[0].reads_torque:
             renewed += build_shelves(problem, whitening, shelf.candidates, shelf.joint, torque)
         else:

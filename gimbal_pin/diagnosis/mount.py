@@ -19,6 +19,7 @@ from gimbal_pin.diagnosis.problem import Problem
 from gimbal_pin.diagnosis.rig_causes import build_standing_platform
 from gimbal_pin.diagnosis.rows import OUTER, Rows, Stretch
 from gimbal_pin.diagnosis.search import Search, Solution
+from gimbal_pin.diagnosis.settings import Settings
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import compute_regressor
 from gimbal_pin.effects import BaseTilt
@@ -30,8 +31,6 @@ COARSE_SECONDS = 0.04
 """Interval of the samples that are compared, s: a period of twice the band."""
 RIDGE = 1e-6
 """Ridge on columns of unit norm."""
-SMALL_TURN = 0.5
-"""Angle, rad, up to which the search finds the turn itself: a sine is .96 of its angle there."""
 DIRECTIONS = np.array([x for x in product((-1.0, 0.0, 1.0), repeat=3) if any(x)])
 """Directions that are tried first: faces, edges and corners of a cube, (26, 3)."""
 
@@ -56,7 +55,7 @@ class Mount:
         return Mount((-x, -y, -z), pi - self.angle, self.share)
 
 
-def find_mount(rig: Rig, rows: Rows) -> Mount | None:
+def find_mount(rig: Rig, rows: Rows, settings: Settings) -> Mount | None:
     """Return the direction of gravity that predicts the torques of a standing base best; None: nearly the URDF's."""
     from scipy.optimize import minimize
 
@@ -67,7 +66,7 @@ def find_mount(rig: Rig, rows: Rows) -> Mount | None:
     tried = [minimize(measure, start, method="BFGS") for start in (given, coarse)]
     best = min(tried, key=lambda result: float(result.fun))
     mount = _build_mount(best.x, given, 1.0 - best.fun / max(before, 1e-300))
-    return mount if mount.angle > SMALL_TURN else None
+    return mount if mount.angle > settings.small_turn_radians else None
 
 
 def find_turn(problem: Problem, solution: Solution) -> Mount | None:

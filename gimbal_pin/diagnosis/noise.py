@@ -15,6 +15,7 @@ from gimbal_pin.diagnosis.problem import (
     build_base_rows,
     build_precision,
 )
+from gimbal_pin.diagnosis.rows import FADE_SHARE
 from gimbal_pin.diagnosis.structure import GROUPS, hold_out, list_surroundings, project_functions
 from gimbal_pin.log.log import Array
 
@@ -25,11 +26,9 @@ ROWS_PER_FREQUENCY = 20
 RIDGES = (10.0, 300.0)
 """Ridges on the further columns of unit rms that are compared: as many rows' worth of evidence for zero."""
 FOLDS = 8
-"""Folds of that comparison."""
+"""Folds of that comparison: it needs no standard error, and fewer take less time."""
 LEAST_POWER = 1e-4
 """Least power at a frequency, as a share of the largest: rounding has no spectrum."""
-REMAINING_SHARE = 0.05
-"""Share of a candidate's rms beside the base from which it may be used: less is rounding of the base's columns."""
 SMOOTH = (
     "angle",
     "angle by direction",
@@ -44,10 +43,10 @@ SMOOTH = (
 
 
 def estimate_noise(problem: Problem, torque: Sequence[Array]) -> Whitening:
-    """Estimate the noise's spectrum at each joint, ``S = R + form_error² P``.
+    """Estimate the noise's spectrum at each joint, ``S = R + share² P``.
 
     R is the spectrum of what the regression leaves, P that of the torque which it predicts. Nothing smaller than
-    `Settings.form_error` of the torque can then buy a cause.
+    `Settings.material_share` of the torque can then buy a cause.
 
     Args:
         problem: The rows.
@@ -56,7 +55,7 @@ def estimate_noise(problem: Problem, torque: Sequence[Array]) -> Whitening:
     rows = problem.rows
     count = int(np.clip(rows.seconds * rows.band / ROWS_PER_FREQUENCY, *FREQUENCIES))
     frequencies = np.linspace(0.0, rows.band, count)
-    fade = np.clip((rows.band - frequencies) / (0.25 * rows.band), 0.0, 1.0)
+    fade = np.clip((rows.band - frequencies) / (FADE_SHARE * rows.band), 0.0, 1.0)
     root = np.sqrt(0.5 - 0.5 * np.cos(np.pi * fade))
     base = build_base_rows(problem, torque, ())
     gains = np.zeros((rows.rig.n, count))
@@ -70,7 +69,7 @@ def estimate_noise(problem: Problem, torque: Sequence[Array]) -> Whitening:
         noise, form = (
             rows.estimate_spectrum(kept * x, j, frequencies) for x in (residual, predicted)
         )
-        power = noise + problem.settings.form_error**2 * form
+        power = noise + problem.settings.material_share**2 * form
         gains[j] = root / np.sqrt(np.maximum(power, LEAST_POWER * power.max()))
     return Whitening(frequencies, gains, floor)
 
@@ -92,7 +91,8 @@ def _regress_on_everything(
         if x.name != "joint-flexibility"
     ]
     columns = project_candidates(problem, candidates, joint, torque)
-    worth = _measure_worth(columns[rows.inner], base[rows.inner], y[rows.inner])
+    least = problem.settings.min_left_share
+    worth = _measure_worth(columns[rows.inner], base[rows.inner], y[rows.inner], least)
     best = np.argsort(-worth)[: problem.settings.noise_candidates]
     states = list_surroundings(problem, joint, torque)
     smooth = project_functions(problem, joint, states, {name: GROUPS[name] for name in SMOOTH})
@@ -108,10 +108,10 @@ def _regress_on_everything(
     return min(tried, key=lambda residual: float(np.sum(residual[rows.inner] ** 2)))
 
 
-def _measure_worth(columns: Array, base: Array, y: Array) -> Array:
-    """Return how much of y each column explains beside the base."""
+def _measure_worth(columns: Array, base: Array, y: Array, least: float) -> Array:
+    """Return how much of y each column explains beside the base; 0 where too small a share of its power is left."""
     stacked = np.column_stack([y, columns])
     rest = stacked - base @ np.linalg.lstsq(base, stacked, rcond=1e-6)[0]
     norms = np.linalg.norm(rest[:, 1:], axis=0)
-    usable = norms > REMAINING_SHARE * np.linalg.norm(columns, axis=0)
+    usable = norms**2 > least * np.sum(columns**2, axis=0)
     return np.asarray(np.abs(rest[:, 0] @ rest[:, 1:]) / np.where(usable, norms, np.inf))

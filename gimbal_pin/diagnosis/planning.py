@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from math import log
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
     from gimbal_pin.diagnosis.result import Diagnosis
 
 LEAST_GAIN = 1.0
-"""Expected gain, nats, below which a motion separates nothing."""
+"""Expected gain, nats, below which a motion separates nothing: odds of a factor e. It changes no verdict."""
 PERIODS = (1, 3, 9)
 """Periods of the motions that are compared, each designed by `excite`: some causes show slowly, others fast."""
 HARMONICS = 5
@@ -155,8 +154,7 @@ def plan_next_experiment(
     table = np.array(gains)
     possible = table.max(axis=0) >= LEAST_GAIN
     best = int(np.argmax(table[:, possible].min(axis=1, initial=np.inf)))
-    odds = max(problem.settings.kept_nats, -log(problem.settings.rival_probability))
-    needed = compute_sure_gain(odds, explanation.search.count_deviations(1))
+    needed = compute_sure_gain(problem.settings.kept_nats, explanation.search.count_deviations(1))
     expected = [
         replace(parting, nats_expected=gain, is_named=gain >= needed)
         if gain >= LEAST_GAIN

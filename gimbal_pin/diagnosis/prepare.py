@@ -30,8 +30,6 @@ from gimbal_pin.log.platform import BaseMotion
 from gimbal_pin.regression import Filtering, limit_cutoff, subsample_log
 from gimbal_pin.rig.rig import Rig
 
-DRIVEN = 5.0
-"""Least F by which the rigid model and friction must explain a joint's torque: noise gives one, any rig hundreds."""
 HARMONICS_OF_ANGLE = ("cogging", "position-dependent-friction")
 """Causes that stand out where noise of the acceleration hides inertia and gravity."""
 
@@ -190,7 +188,10 @@ def check_torque_moves_joints(explanation: Explanation, prepared: PreparedLogs) 
         power = float(np.sum((torque - columns @ coefficients) ** 2))
         explained = (float(torque @ torque) - power) / max(rank, 1)
         each = power / max(len(torque) * float(rows.used[j]), 1.0)
-        if explained < DRIVEN * each + 1e-300 and explanation.rest[j].predictable == 0.0:
+        if (
+            explained < problem.settings.min_f_ratio * each + 1e-300
+            and explanation.rest[j].predictable == 0.0
+        ):
             noisy.append(j)
     idle = tuple(joints[j] for j in noisy if j in resting)
     undriven = tuple(joints[j] for j in noisy if j not in resting)

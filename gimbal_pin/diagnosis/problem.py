@@ -29,14 +29,12 @@ OWN_COLUMNS = 3
 """Columns of each joint in every model: dry friction, viscous friction, time shift."""
 SHIFT = 2
 """Place of the time shift among them."""
-KIND_SHARE = 0.03
-"""Smallest size of a base parameter, as a share of the largest typical size of its kind over all links."""
 FIRST_NOISE = 0.05
-"""Noise that the first fit assumes, as a share of the torque's rms, before there is an estimate."""
+"""Noise that the first fit assumes, as a share of the torque's rms: a start, which the estimate replaces."""
 FELT_WEIGHT = 1e-6
 """Gravity torque, as a share of the largest, below which it is rounding."""
 INERTIA_SAMPLES = 50
-"""Poses over which a joint's inertia is averaged."""
+"""Poses over which a joint's inertia is averaged: more take longer and change the mean little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +208,7 @@ def _compute_prior_precision(
     squares = pd.Series(urdf**2)
     rms = np.sqrt(squares.groupby([links, kinds]).transform("mean"))
     largest = rms.groupby(kinds).transform("max")
-    size = np.maximum.reduce([np.abs(urdf), rms, KIND_SHARE * largest]) + 1e-12
+    size = np.maximum.reduce([np.abs(urdf), rms, settings.min_size_share * largest]) + 1e-12
     is_trusted = rig.config.inertia == "trusted"
     width = settings.trusted_width if is_trusted else settings.prior_width
     return np.asarray((width * size) ** -2.0)

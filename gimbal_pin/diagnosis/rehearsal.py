@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from math import log, sqrt
+from math import sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.candidates import DRIVES, RESONANCE_SHARE, Candidate
 from gimbal_pin.diagnosis.explanation import Explanation, search_rows
 from gimbal_pin.diagnosis.interpret import build_physical
 from gimbal_pin.diagnosis.rows import build_rows, choose_band
-from gimbal_pin.diagnosis.search import LEAST_LEFT, Hit
+from gimbal_pin.diagnosis.search import Hit
 from gimbal_pin.diagnosis.settings import SETTINGS, Settings
 from gimbal_pin.diagnosis.visibility import (
     NINETEEN_OF_TWENTY,
@@ -47,7 +47,7 @@ from gimbal_pin.rig.types import Rng, make_generator
 MOST_FORMS = 16
 """Most forms of a cause that are planted: those in front, and ever fewer of a hundred harmonics."""
 LARGEST_SHARE = 1.0
-"""Largest torque of a cause that a rig may have, as a share of its joint's largest."""
+"""Largest torque of a cause that a rig may have, as a share of its joint's largest. It changes no verdict."""
 SOFTEST = 1.01 * RESONANCE_SHARE[0]
 """Share of a joint's torque behind its spring that is planted at least: less is no spring that is looked for."""
 WEAK = "the motion shows it only at sizes that no rig has"
@@ -175,7 +175,7 @@ def rehearse(
             plain = [x for x in tried if _get_formula(x[0]) == _get_formula(tried[0][0])]
             picked = np.geomspace(1, len(plain) or 1, MOST_FORMS).round()
             plain = [x for k, x in enumerate(plain, 1) if k in picked]
-            shown = [candidate for candidate, share in plain if share >= LEAST_LEFT]
+            shown = [candidate for candidate, share in plain if share >= settings.min_left_share]
             why = kind.hidden if shows_in_motion(kind) else COMMANDED
             about = Rehearsed(kind.name, get_joint(place), len(plain), len(shown), why=why)
             row = about
@@ -247,7 +247,7 @@ def _rehearse_form(
     needed = dict[CauseAt, float]()
     rivals = measure_rivals(search, fit, groups, candidate, seen)
     for (name, place), (left, prior) in rivals.items():
-        odds = prior - candidate.log_prior - log(settings.rival_probability)
+        odds = prior - candidate.log_prior + settings.kept_nats
         gain = compute_sure_gain(max(settings.kept_nats, odds), search.count_deviations(1))
         needed[CauseAt(name, get_joint(place))] = compute_size(gain, left, count)
     named = max([seen, *needed.values()])

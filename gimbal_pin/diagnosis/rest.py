@@ -52,9 +52,9 @@ def _describe_joint(search: Search, solution: Solution, joint: int) -> Rest:
     is_suspected = structure.gain >= settings.gain_nats
     deviations = search.count_deviations(1) * structure.standard_error
     is_clear = is_suspected and structure.gain >= deviations
-    is_large = predictable > max(material, settings.unknown_share * error)
+    is_large = predictable > max(material, settings.main_share * error)
     is_burst = bursts.size > material and bursts.share > settings.burst_share
-    is_open = problem.rows.used[joint] > 0 and error > settings.open_share * torque
+    is_open = problem.rows.used[joint] > 0 and error > settings.main_share * torque
     return Rest(
         left=error,
         predictable=predictable * is_clear,

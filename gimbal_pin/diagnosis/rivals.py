@@ -21,9 +21,9 @@ from gimbal_pin.log.log import Array
 DRAWS = 1000
 """Draws of the Bayesian bootstrap: a probability of .05 is known to .007."""
 MOST_RIVALS = 5
-"""Most rivals of one finding whose shapes are refined."""
+"""Most rivals of one finding whose shapes are refined. It bounds the time."""
 MOST_EXCHANGES = 6
-"""Most exchanges of a finding for a better rival."""
+"""Most exchanges of a finding for a better rival. It bounds the time."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from gimbal_pin.log import signals
 from gimbal_pin.log.io.columns import LEAST_TRAVEL
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
+    HIGHEST_CUTOFF,
     Filtering,
     Samples,
     Segment,
@@ -39,22 +40,18 @@ from gimbal_pin.rig.rig import Rig
 
 OUTER = -1
 """Number of a block that serves for the shown figures alone."""
-FEWEST_FOLDS = 4
-"""Fewest blocks that are left out in turn."""
 FADE_SHARE = 0.25
-"""Upper share of the band over which rows fade out."""
+"""Upper share of the band over which rows fade out, so that a sharp end does not ring."""
 FADE_ROWS = 0.85
-"""Rows that count of those that a faded band has."""
-WIDEST_BAND = 0.199
-"""Widest band, as a share of the sampling rate: five samples per period."""
-WIDEST_DOUBLED_BAND = 0.1
-"""Widest band that lines may ask for, as a share of the sampling rate."""
-LINE_POWER = 20.0
-"""Power over the median around it from which a frequency is a line: noise is so with probability 2^-20."""
+"""Rows that count of those of a faded band, ``1 - 5/8 FADE_SHARE``: the fade's mean square is 3/8."""
+WIDEST_BAND = 0.995 * HIGHEST_CUTOFF
+"""Widest band, as a share of the sampling rate: just within what a filter may have."""
+WIDEST_DOUBLED_BAND = 0.5 * HIGHEST_CUTOFF
+"""Widest band that lines may ask for, as a share of the sampling rate: ten samples a period."""
 SPECTRUM_SECONDS = 8.0
-"""Length of the segments of that spectrum, s."""
+"""Length of the segments of the spectrum in which lines are looked for, s: lines an eighth of a hertz apart differ."""
 LINE_NEIGHBOURS = 33
-"""Number of frequencies that the median is taken over."""
+"""Number of its frequencies that the median around a line is taken over: 4 Hz."""
 COLUMNS_AT_A_TIME = 16
 """Columns that are transformed together: a minute of them stays in a processor's cache."""
 
@@ -227,7 +224,7 @@ def choose_band(logs: Sequence[Log], settings: Settings) -> float:
         length = min(len(log), round(SPECTRUM_SECONDS / log.dt))
         frequency, power = welch(log.tau, 1 / log.dt, nperseg=length, axis=0)
         around = median_filter(power, (LINE_NEIGHBOURS, 1))
-        lines = np.where(power > LINE_POWER * around, power, 0.0)
+        lines = np.where(power > settings.line_power * around, power, 0.0)
         while 2 * band <= WIDEST_DOUBLED_BAND / log.dt:
             above = frequency > band
             if not np.any(lines[above].sum(axis=0) > power[~above].sum(axis=0)):
@@ -332,7 +329,7 @@ def _weigh_samples(
         return build_mask(still, taper) * ends
 
     wide = open_mask(settings.sign_deviations, reach)
-    narrow = open_mask(settings.slow_sign_deviations, max(1, reach // 4))
+    narrow = open_mask(settings.clear_deviations, max(1, reach // 4))
     return np.where(np.mean(wide**2, axis=0) > 1 - settings.mask_share, wide, narrow)
 
 
@@ -355,13 +352,13 @@ def _divide_rows(
         holdout: As for `build_rows`.
     """
     seconds = np.array([part.dt * len(part.time) for part in stretches])
-    is_long = seconds.sum() >= settings.long_seconds and holdout is None
-    every = settings.outer_share if is_long else 0
-    blocks = settings.folds * every // (every - 1) if every else settings.folds
+    is_long = seconds.sum() >= settings.blocks * settings.block_seconds and holdout is None
+    every = settings.outer_every if is_long else 0
+    blocks = settings.blocks if is_long else settings.folds
     size = max(settings.block_seconds, seconds.sum() / blocks)
     counts = np.maximum(np.round(seconds / size), 1).astype(int)
-    if counts.sum() < FEWEST_FOLDS:
-        counts[:] = -(-FEWEST_FOLDS // len(stretches))
+    if counts.sum() < settings.min_folds:
+        counts[:] = -(-settings.min_folds // len(stretches))
     numbers = [np.arange(x.count) * count // x.count for x, count in zip(stretches, counts)]
     number = np.concatenate([x + first for x, first in zip(numbers, np.cumsum(counts) - counts)])
     if holdout is None:

@@ -43,13 +43,9 @@ from gimbal_pin.regression import Flags
 TORQUE_PASSES = 2
 """Fits until the columns that read the model's torque are built from the torque that they are part of."""
 REFINED = 4
-"""Number of the best causes whose shapes are refined."""
+"""Number of the best causes whose shapes are refined. It bounds the time."""
 HALVINGS = 3
-"""Steps of a refinement, each the root of the one before."""
-LEAST_LEFT = 3e-3
-"""Share of a candidate's power beside the model from which it is told from the model."""
-MOST_FAILURES = 2
-"""Shapes of a cause that may pass the screen and then be rejected before all its shapes are left out."""
+"""Steps of a refinement, each the root of the one before: the shape is known to a fourth of the first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +143,7 @@ class Search:
     def count_deviations(self, places: int) -> float:
         """Return the standard errors that a gain must have which was looked for at some places."""
         folds = len(self.problem.rows.folds)
-        tail = float(norm.sf(self.problem.settings.gain_deviations)) / places
+        tail = float(norm.sf(self.problem.settings.clear_deviations)) / places
         return float(student.isf(tail, max(folds - 1, 2)))
 
     def is_clear(self, hit: Hit, nats: float) -> bool:
@@ -308,17 +304,21 @@ class Search:
         self, solution: Solution, gains: Gains, candidates: Sequence[Candidate]
     ) -> list[Hit]:
         """Return the gains of candidates that are not in a model, differ from it and are admissible."""
+        settings = self.problem.settings
         hits = list[Hit]()
         for place, candidate in enumerate(candidates):
             # A change of bodies is a part of the rigid columns, told from them by their prior alone.
-            differs = gains.remaining[place] >= LEAST_LEFT or candidate.cause.of_given_model
+            differs = (
+                gains.remaining[place] >= settings.min_left_share or candidate.cause.of_given_model
+            )
             # A harmonic may come again with other periods.
             is_new = candidate not in solution.accepted and (
                 candidate.is_harmonic or not solution.has_kind(candidate)
             )
             friction: Array = np.zeros(0)
             if candidate.joint is not None:
-                friction = gains.beside[place, self.problem.get_own_columns(candidate.joint)][:2]
+                own = self.problem.get_own_columns(candidate.joint)
+                friction = gains.beside[place, own][:2] / settings.clear_deviations
             coefficients = gains.coefficients[place]
             if differs and is_new and candidate.is_admissible(coefficients, friction):
                 hits.append(Hit(candidate, gains.by_fold[place], coefficients))
@@ -413,14 +413,14 @@ def find_causes(search: Search, shelves: Sequence[Shelf] = ()) -> Found:
     solution = first
     shelves = search.renew_shelves(shelves, first) or search.build_shelves(first.torque)
     rejected = list[Rejection]()
-    while len(solution.accepted) < settings.most_causes + 2 * problem.rig.n:
+    while len(solution.accepted) < settings.max_causes + 2 * problem.rig.n:
         past = [rejection.candidate for rejection in rejected]
         failures = Counter(candidate.kind for candidate in past)
         clear = [
             hit
             for hit in search.screen(solution, shelves)
             if search.is_clear(hit, settings.gain_nats)
-            and failures[hit.candidate.kind] <= MOST_FAILURES
+            and failures[hit.candidate.kind] <= settings.max_failures
             and hit.candidate not in past
         ]
         hits = [hit for hit in clear if hit.candidate.is_ordinary] or clear

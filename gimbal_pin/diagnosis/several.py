@@ -20,17 +20,6 @@ from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import project_rows
 
-EXCESS = 2.0
-"""Torque that a log's own parameters move, over what its own fit leaves, from which it is of another rig: less could be
-a misfit that the logs' motions bring out differently."""
-EXPLAINED_EXCESS = 0.5
-"""Limit where logs differed before any cause was found: causes must explain that, not only make it smaller."""
-APART_SHARE = 0.25
-"""Share of a log's torque that its own parameters move, from which `EXPLAINED_EXCESS` is the limit: by a quarter of the
-torque one rig does not differ, however badly each log is fitted."""
-LEAST_ROWS = 2.0
-"""Rows per coefficient from which a log has a fit of its own."""
-
 
 class Disagreement(NamedTuple):
     """Torque between each log's own coefficients and the common ones.
@@ -59,9 +48,12 @@ def find_disagreement(explanation: Explanation, prepared: PreparedLogs) -> Fault
     found = compare_logs(search.problem, explanation.found.final, floor)
     if plain is None or found is None:
         return None
-    least = search.problem.settings.material_share
-    differed = np.any((plain.excess > EXCESS) & (plain.share > least), axis=0)
-    limit = np.where(differed | (found.share > APART_SHARE), EXPLAINED_EXCESS, EXCESS)
+    settings = search.problem.settings
+    most = settings.max_log_excess
+    least = settings.material_share
+    differed = np.any((plain.excess > most) & (plain.share > least), axis=0)
+    # Causes must explain what set the logs apart, not only make it smaller.
+    limit = np.where(differed | (found.share > settings.log_apart_share), 1 / most, most)
     excess = np.where((found.excess > limit) & (found.share > least), found.excess, 0.0)
     worst, j = np.unravel_index(np.argmax(excess), excess.shape)
     if excess[worst, j] == 0.0:
@@ -105,13 +97,14 @@ def compare_logs(problem: Problem, solution: Solution, floor: Array) -> Disagree
     prior = np.diag(np.sqrt(np.delete(precision, free)))
     stretches = problem.rows.stretches
     number = np.repeat([x.log for x in stretches], [x.count for x in stretches])
+    least = problem.settings.min_log_rows
     logs = list[int]()
     errors = list[Array]()
     columns = list[Array]()
     fitted = list[Array]()
     for log in range(max(number) + 1):
         own = number == log
-        if np.count_nonzero(own) * problem.rows.used.sum() < LEAST_ROWS * len(precision):
+        if np.count_nonzero(own) * problem.rows.used.sum() < least * len(precision):
             continue
         weighted = np.vstack([B[own] / size for B, size in zip(solution.base, floor)])
         torque = (target[own] / floor).T.ravel()

@@ -33,11 +33,9 @@ RINGING_DAMPING = 0.08
 RIDGES = (3.0, 0.3)
 """Ridges on the columns of unit norm that are tried; the last is that of a group alone."""
 JOINED = (1, 2, 4, 7)
-"""Numbers of the best groups that are joined."""
+"""Numbers of the best groups that are joined: roughly twice as many each time."""
 LINES = 6
-"""Lines over time or load that are tried."""
-FEWEST_WINDOWS = 40
-"""Fewest windows that tell what is usual."""
+"""Lines over time or load that are tried. It bounds the time; each pays for the frequencies that were searched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,7 +432,7 @@ def find_bursts(search: Search, solution: Solution, joint: int) -> Bursts:
     windows = uniform_filter1d(squares, width, axis=0)[middles]
     is_open = (is_inner > 0.99) & (weight > 0.5)
     power = windows[is_open, 0] / weight[is_open] ** 2
-    if len(power) <= FEWEST_WINDOWS:
+    if len(power) <= problem.settings.min_windows:
         return NO_BURSTS
     usual = _expect_power(power, windows[is_open, 1:])
     excess = np.maximum(power - problem.settings.burst_power * usual, 0.0)

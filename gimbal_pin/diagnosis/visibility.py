@@ -19,7 +19,7 @@ from gimbal_pin.diagnosis.candidates import DRIVES, Candidate, count_columns, li
 from gimbal_pin.diagnosis.explanation import Explanation
 from gimbal_pin.diagnosis.library import Shelf
 from gimbal_pin.diagnosis.score import BlockFit, Pack
-from gimbal_pin.diagnosis.search import LEAST_LEFT, Search
+from gimbal_pin.diagnosis.search import Search
 from gimbal_pin.effects import CAUSES, Cause, Effect, RigEffect
 from gimbal_pin.log.log import Array
 
@@ -130,6 +130,7 @@ def list_untestable(
         found: Causes and joints of the findings, which are shown.
     """
     rig = explanation.search.problem.rig
+    least = explanation.search.problem.settings.min_left_share
     first = explanation.found.first.fit
     groups = list_groups(explanation.search, explanation.found.shelves, first.theta)
     forms = list_forms(first, groups)
@@ -142,7 +143,7 @@ def list_untestable(
             tried = forms.get((kind.name, place), [])
             # A gain is hidden if that of both directions is, whatever shows of one direction.
             coupled = [form for form in tried if form[0].cause.coupled]
-            is_shown = any(share >= LEAST_LEFT for _, share in coupled or tried)
+            is_shown = any(share >= least for _, share in coupled or tried)
             if not (is_shown or (kind.name, joint) in found or kind.is_stated(place, rig)):
                 hidden.append(Untestable(kind.name, joint, kind.hidden))
     return tuple(hidden)
@@ -168,6 +169,7 @@ def measure_rivals(
         planted: The cause.
         size: What the torque is to be multiplied by where coefficients are judged.
     """
+    least = search.problem.settings.min_left_share
     rivals = dict[tuple[str, str], tuple[float, float]]()
     for candidates, pack in groups:
         if (
@@ -180,7 +182,7 @@ def measure_rivals(
         for k in np.argsort(-power).tolist():  # of each rival the form that leaves least comes last
             rival = candidates[k]
             values = size * gains.coefficients[k, : count_columns(rival)]
-            is_told = gains.remaining[k] < LEAST_LEFT or rival.kind == planted.kind
+            is_told = gains.remaining[k] < least or rival.kind == planted.kind
             if not is_told and rival.is_admissible(values, np.zeros(0)):
                 rivals[rival.name, rival.place] = float(power[k]), rival.log_prior
     blurred = planted.cause.blurred(search.problem.ranges[planted.joint or 0])
