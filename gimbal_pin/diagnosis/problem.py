@@ -199,16 +199,16 @@ def _compute_prior_precision(
     A parameter's size is its URDF value, the rms of its kind over its link, or a share of the largest of its kind,
     whichever is greatest: a URDF states many parameters as zero that are none.
     """
-    import pandas as pd
-
     names = [reduction.names[k].rsplit(".", 1) for k in reduction.independent]
-    links = np.array([link for link, _ in names])
     # An inertia, a first moment or a mass.
-    kinds = np.array([symbol if symbol == "m" else symbol[0] for _, symbol in names])
-    squares = pd.Series(urdf**2)
-    rms = np.sqrt(squares.groupby([links, kinds]).transform("mean"))
-    largest = rms.groupby(kinds).transform("max")
-    size = np.maximum.reduce([np.abs(urdf), rms, settings.min_size_share * largest]) + 1e-12
+    kinds = [symbol if symbol == "m" else symbol[0] for _, symbol in names]
+    groups = [f"{link}.{kind}" for (link, _), kind in zip(names, kinds)]
+    group = np.unique(groups, return_inverse=True)[1]
+    kind = np.unique(kinds, return_inverse=True)[1]
+    rms = np.sqrt(np.bincount(group, urdf**2) / np.bincount(group))[group]
+    largest = np.zeros(len(kinds))
+    np.maximum.at(largest, kind, rms)
+    size = np.maximum.reduce([np.abs(urdf), rms, settings.min_size_share * largest[kind]]) + 1e-12
     is_trusted = rig.config.inertia == "trusted"
     width = settings.trusted_width if is_trusted else settings.prior_width
     return np.asarray((width * size) ** -2.0)
