@@ -163,7 +163,7 @@ def whiten(covariance: Array) -> Array:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(correlation)) / std)
 
 
-def compute_wald(difference: Array, covariance: Array, rank: float) -> tuple[float, int]:
+def compute_wald(difference: Array, covariance: Array, rank: float = RANK) -> tuple[float, int]:
     """Return ``dᵀ P⁺ d``, which is χ² if d is noise of the covariance P, and its degrees of freedom.
 
     Use it where P may be singular: directions with less than `rank` of the correlation's largest variance are left out.
@@ -177,6 +177,6 @@ def compute_wald(difference: Array, covariance: Array, rank: float) -> tuple[flo
     std = np.sqrt(np.diag(covariance))
     unit = np.where(std > 0, std, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    kept = values > rank * values[-1]
+    kept = values > rank * values.max(initial=0.0)
     z = vectors[:, kept].T @ (difference / unit)
     return float(np.sum(z**2 / values[kept])), int(kept.sum())
