@@ -122,13 +122,8 @@ def solve_rows(rows: Array) -> Solution:
     """
     R = triangularise(rows)[: rows.shape[1] - 1]
     svd = decompose(R[:, :-1])
-    both = np.outer(svd.shown, svd.shown)
-    return Solution(
-        svd.inverse @ R[:, -1],
-        np.where(both, svd.inverse @ svd.inverse.T, 0.0),
-        svd.shown,
-        svd.condition,
-    )
+    inverse = svd.inverse
+    return _build_solution(svd, inverse @ R[:, -1], inverse @ inverse.T)
 
 
 def solve_moments(moment: Array, target: Array) -> Solution:
@@ -142,8 +137,13 @@ def solve_moments(moment: Array, target: Array) -> Solution:
     d = np.where(norms > 0, norms, 1.0)
     svd = decompose(moment / d[:, None], d)
     inverse = svd.inverse / d
-    both = np.outer(svd.shown, svd.shown)
-    return Solution(inverse @ target, np.where(both, inverse, 0.0), svd.shown, svd.condition)
+    return _build_solution(svd, inverse @ target, inverse)
+
+
+def _build_solution(svd: ScaledSVD, theta: Array, gain: Array) -> Solution:
+    """Return a solution whose gain is cleared of the parameters that the decomposed matrix does not show."""
+    shown = svd.shown
+    return Solution(theta, np.where(np.outer(shown, shown), gain, 0.0), shown, svd.condition)
 
 
 def whiten(covariance: Array) -> Array:
