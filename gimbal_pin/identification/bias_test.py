@@ -22,6 +22,7 @@ from gimbal_pin.regression import (
     compute_moments,
     compute_score_covariance,
     compute_targets,
+    compute_wald,
     fit_instrumental,
     fit_physical,
     fit_residual_noise,
@@ -85,24 +86,19 @@ def compare_with_instruments(blocks: Sequence[Block], instruments: Sequence[Arra
     """
     weight = weigh_joints(fit_instrumental(blocks, instruments).residual_std ** 2) ** 2
     plain = [block.A for block in blocks]
-    (theta, gain), (shrunk, plain_gain) = (
+    found, plain_found = (
         solve_moments(
             compute_moments(list(zip(z, plain)), weight), compute_targets(blocks, z, weight)
-        )[:2]
+        )
         for z in (instruments, plain)
     )
-    noise = fit_residual_noise(blocks, instruments, theta, gain, weight).processes
-    apart = [z @ gain.T - A @ plain_gain.T for z, A in zip(instruments, plain)]
+    noise = fit_residual_noise(blocks, instruments, found.theta, found.gain, weight).processes
+    apart = [z @ found.gain.T - A @ plain_found.gain.T for z, A in zip(instruments, plain)]
     score = compute_score_covariance(join_columns(blocks, plain), noise, weight).sum(axis=0)
     spread = compute_score_covariance(join_columns(blocks, apart), noise, weight).sum(axis=0)
-    spread = spread + ADMISSIBLE**2 * plain_gain @ score @ plain_gain.T
-    std = np.sqrt(np.diag(spread))
-    difference = theta - shrunk
-    unit = np.where(std > 0, std, 1.0)
-    correlation = spread / np.outer(unit, unit)
-    z = difference / unit
-    statistic = float(z @ np.linalg.pinv(correlation, rcond=JUDGED_RANK, hermitian=True) @ z)
-    freedom = int(np.linalg.matrix_rank(correlation, rtol=JUDGED_RANK, hermitian=True))
+    spread = spread + ADMISSIBLE**2 * plain_found.gain @ score @ plain_found.gain.T
+    difference = found.theta - plain_found.theta
+    statistic, freedom = compute_wald(difference, spread, JUDGED_RANK)
     moved = np.sum([np.sum((A @ difference) ** 2, axis=0) for A in plain], axis=0)
     torque = np.sum([np.sum(block.b**2, axis=0) for block in blocks], axis=0)
     share = np.sqrt(moved / np.where(torque > 1e-6 * torque.max(), torque, np.inf))

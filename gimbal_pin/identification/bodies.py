@@ -18,6 +18,7 @@ from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import TRUST
 from gimbal_pin.regression.consistency import compute_deformation_root
+from gimbal_pin.regression.linalg import triangularise, whiten
 from gimbal_pin.rig.inertia import is_physical
 
 SHOWN_SHARE = 0.5
@@ -127,14 +128,11 @@ def update_bodies(
     magnitude. Arguments as for `estimate_bodies`.
     """
     root = trust * compute_deformation_root(given)
-    size = np.sqrt(np.diag(covariance))
-    lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
-    shown, apart = (
-        np.linalg.solve(lower, (x.T / size).T) for x in (mixing @ root, beta - mixing @ given)
-    )
-    Q, R = np.linalg.qr(np.vstack([shown, np.eye(len(given))]))
-    moved = root @ np.linalg.solve(R, Q[: len(size)].T @ apart)
-    return given + moved, np.asarray(np.linalg.solve(R.T, root.T).T)
+    count = len(given)
+    rows = whiten(covariance) @ np.column_stack([mixing @ root, beta - mixing @ given])
+    R = triangularise(np.vstack([rows, np.eye(count, count + 1)]))
+    own = np.asarray(np.linalg.solve(R[:count, :count].T, root.T).T)
+    return given + own @ R[:count, -1], own
 
 
 def _compare_widths(phi: Array, apart: Array, slope: Array, draws: Array) -> Array:

@@ -13,7 +13,7 @@ from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.identification.fitting import given_beta
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import map_phi_to_base, project_rows
+from gimbal_pin.regression import compute_wald, map_phi_to_base, project_rows, whiten
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -64,10 +64,8 @@ class ShownChange(NamedTuple):
     @property
     def is_significant(self) -> bool:
         """Whether chance makes as large a change in less than `FALSE_ALARM` of the cases."""
-        if not len(self.value):
-            return False
-        power = self.value @ np.linalg.solve(self.covariance, self.value)
-        return bool(chi2.sf(power, len(self.value)) <= FALSE_ALARM)
+        power, freedom = compute_wald(self.value, self.covariance)
+        return bool(chi2.sf(power, freedom) <= FALSE_ALARM)
 
     def hide(self) -> ShownChange:
         """Return the same parameters with nothing of them shown."""
@@ -117,10 +115,8 @@ class BaseDifference:
     @cached_property
     def whitener(self) -> Array:
         """``W = L⁻¹/√c``, ``weighting = L Lᵀ``, (b, b): noise of unit variance on average, ``tr(W cov Wᵀ) = b``."""
-        std = np.sqrt(np.diag(self.weighting))
-        correlation = self.weighting / np.outer(std, std) + 1e-12 * np.eye(len(std))
-        white = np.linalg.inv(np.linalg.cholesky(correlation)) / std
-        return np.asarray(white / np.sqrt(np.trace(white @ self.covariance @ white.T) / len(std)))
+        W = whiten(self.weighting)
+        return np.asarray(W / np.sqrt(np.trace(W @ self.covariance @ W.T) / len(W)))
 
     def explain(self, wanted: Array, unknown: Array, limit: float) -> ShownChange:
         """Least squares for the wanted parameters, whatever the unknown ones are.

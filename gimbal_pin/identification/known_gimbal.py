@@ -17,7 +17,7 @@ from gimbal_pin.dynamics.model import Estimated
 from gimbal_pin.errors import DataError, digits
 from gimbal_pin.identification.payload_change import FALSE_CHANGE, SQUARES
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Estimate
+from gimbal_pin.regression import Estimate, decompose, whiten
 
 LARGEST_WIDENING = 1e8
 """Times that known variances are widened at most: of deviations ten thousand times as wide nothing is left."""
@@ -69,12 +69,8 @@ def update_gimbal(before: Estimated, alone: Estimate, reach: Array, place: str) 
     def unexplained(widening: float) -> tuple[Array, Array, Array]:
         """Return ``V^-½``, the map from d to gamma, and that from d to r."""
         V = widening * known + P
-        size = np.sqrt(np.diag(V))
-        white = (
-            np.linalg.inv(np.linalg.cholesky(V / np.outer(size, size) + 1e-12 * np.eye(len(V))))
-            / size
-        )
-        camera = np.linalg.lstsq(white @ K, white, rcond=1e-12)[0]
+        white = whiten(V)
+        camera = decompose(white @ K).inverse @ white
         return white, camera, np.eye(len(d)) - K @ camera
 
     squares = len(d) - K.shape[1]

@@ -13,10 +13,12 @@ from gimbal_pin.regression import (
     Design,
     compute_residual_power,
     count_effective_rows,
+    decompose,
     factor_rows,
     find_camera_body,
     solve,
     weigh_and_solve,
+    whiten,
 )
 
 FALSE_CHANGE = 1e-3
@@ -51,10 +53,8 @@ def payload_directions(rows: Design) -> Array:
     """How the parameters of the camera's body, as far as they show, move all parameters, orthonormal, (k, r)."""
     body = find_camera_body(rows.rig)
     own = rows.mixing[:, 10 * body : 10 * body + 10]
-    left, values, _ = np.linalg.svd(own, full_matrices=False)
-    out = np.zeros((len(rows.names), int(np.sum(values > 1e-9 * values[0]))))
-    out[: len(own)] = left[:, : out.shape[1]]
-    return out
+    U = decompose(own).U
+    return np.vstack([U, np.zeros((len(rows.names) - len(own), U.shape[1]))])
 
 
 def compare_halves(blocks: Sequence[Block], rows: Design) -> float:
@@ -105,12 +105,10 @@ def score_halves(parts: Sequence[tuple[Array, Array]], directions: Array) -> tup
     seen = np.isfinite(np.diag(P)) & (np.diag(P) > 0)
     if not seen[np.any(directions != 0, axis=1)].all():
         return 0.0, np.zeros(len(first))
-    unit = np.sqrt(np.diag(P)[seen])
-    values, vectors = np.linalg.eigh(P[np.ix_(seen, seen)] / np.outer(unit, unit))
-    white = vectors.T / np.sqrt(np.maximum(values, 1e-9 * values[-1]))[:, None] / unit
+    white = whiten(P[np.ix_(seen, seen)])
     columns = white @ directions[seen]
     difference = white @ (first - second)[seen]
-    moves = np.linalg.lstsq(columns, difference, rcond=None)[0]
+    moves = decompose(columns).inverse @ difference
     found = float(np.sum((columns @ moves) ** 2)) / columns.shape[1]
     return found / float(fdtri(columns.shape[1], SQUARES, 1 - FALSE_CHANGE)), directions @ moves
 

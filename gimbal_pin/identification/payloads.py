@@ -71,6 +71,7 @@ from gimbal_pin.regression import (
     build_prior_rows,
     build_urdf_prior,
     compute_blocks,
+    compute_wald,
     find_camera_body,
     fit_weighted,
     limit_cutoff,
@@ -461,12 +462,9 @@ def _hedge_camera(
     spread = (
         mounted.covariance + undecided @ undecided.T
     )  # how the bodies share the sum is the log's to leave open
-    size = np.sqrt(np.diag(spread))
-    squares = float(
-        apart / size @ np.linalg.lstsq(spread / np.outer(size, size), apart / size, rcond=1e-9)[0]
-    )
-    if squares < compute_limit(len(apart)) * len(apart):
+    if compute_wald(apart, spread)[0] < compute_limit(len(apart)) * len(apart):
         return mounted, ()
+    size = np.sqrt(np.diag(spread))
     worst = int(np.argmax(np.abs(apart) / size))
     what = f"{mounted.names[worst]} by {digits(abs(apart[worst]) / size[worst], 2)} deviations"
     said = (

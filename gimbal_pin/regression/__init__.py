@@ -52,7 +52,6 @@ from gimbal_pin.regression.instrumental import compute_moments as compute_moment
 from gimbal_pin.regression.instrumental import compute_targets as compute_targets
 from gimbal_pin.regression.instrumental import fit_instrumental as fit_instrumental
 from gimbal_pin.regression.instrumental import fit_repeated as fit_repeated
-from gimbal_pin.regression.instrumental import solve_moments as solve_moments
 from gimbal_pin.regression.lags import LAG_DEVIATION as LAG_DEVIATION
 from gimbal_pin.regression.lags import LAG_ROUNDS as LAG_ROUNDS
 from gimbal_pin.regression.lags import LAG_SPREAD as LAG_SPREAD
@@ -61,6 +60,11 @@ from gimbal_pin.regression.lags import LARGEST_LAG as LARGEST_LAG
 from gimbal_pin.regression.lags import add_lag_spread as add_lag_spread
 from gimbal_pin.regression.lags import align_rows as align_rows
 from gimbal_pin.regression.lags import fit_lags as fit_lags
+from gimbal_pin.regression.linalg import compute_wald as compute_wald
+from gimbal_pin.regression.linalg import decompose as decompose
+from gimbal_pin.regression.linalg import project_rows as project_rows
+from gimbal_pin.regression.linalg import solve_moments as solve_moments
+from gimbal_pin.regression.linalg import whiten as whiten
 from gimbal_pin.regression.missing_samples import Filled as Filled
 from gimbal_pin.regression.missing_samples import Indices as Indices
 from gimbal_pin.regression.missing_samples import fill_gaps as fill_gaps
@@ -99,7 +103,6 @@ from gimbal_pin.regression.samples import resample_torque as resample_torque
 from gimbal_pin.regression.samples import smooth_samples as smooth_samples
 from gimbal_pin.regression.samples import split_segments as split_segments
 from gimbal_pin.regression.samples import subsample_log as subsample_log
-from gimbal_pin.regression.solve import RANK as RANK
 from gimbal_pin.regression.solve import Estimate as Estimate
 from gimbal_pin.regression.solve import Estimator as Estimator
 from gimbal_pin.regression.solve import Method as Method
@@ -113,7 +116,6 @@ from gimbal_pin.regression.solve import fit_ordinary as fit_ordinary
 from gimbal_pin.regression.solve import fit_robust as fit_robust
 from gimbal_pin.regression.solve import fit_weighted as fit_weighted
 from gimbal_pin.regression.solve import merge_factors as merge_factors
-from gimbal_pin.regression.solve import project_rows as project_rows
 from gimbal_pin.regression.solve import solve as solve
 from gimbal_pin.regression.solve import solve_factors as solve_factors
 from gimbal_pin.regression.solve import weigh_and_solve as weigh_and_solve

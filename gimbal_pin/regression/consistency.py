@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.errors import DataError
+from gimbal_pin.regression.linalg import whiten
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.inertia import pseudo_inertia, thicken_flat_body
 from gimbal_pin.rig.types import Array
@@ -110,12 +111,9 @@ def find_nearest_bodies(
             "move every joint, several at a time: see 'gimbal-pin excite'",
         )
         raise DataError("the identified parameters", what, mend)
-    # Cholesky of the correlation: variances of one estimate span ten orders of magnitude.
-    std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    correlation = covariance / std / std[:, None] + 1e-9 * np.eye(len(std))
     try:
-        whiten = np.linalg.inv(np.linalg.cholesky(correlation)) / std
-        return fit_bodies(start, whiten @ mixing, whiten @ beta, weights)
+        W = whiten(covariance)
+        return fit_bodies(start, W @ mixing, W @ beta, weights)
     except np.linalg.LinAlgError as error:
         mend = "look at the units of t, q and tau, and map them (--map)"
         raise DataError(

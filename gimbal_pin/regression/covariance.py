@@ -11,6 +11,7 @@ from scipy.special import stdtrit
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.linalg import decompose, triangularise
 from gimbal_pin.regression.noise import (
     Autoregression,
     compute_autocovariance,
@@ -152,10 +153,10 @@ def bound_deviations(blocks: Sequence[Block], theta: Array) -> Array:
         [block.b - block.A @ theta for block in whole], [block.share for block in whole]
     )
     rows = float(sum(len(block.t) for block in whole))
-    information = np.zeros((len(theta), len(theta)))
+    R: Array = np.zeros((0, len(theta)))
     for j, gamma in enumerate(seen.T):
         process = fit_autoregression(gamma, rows)
         for block in whole:
             white = process.whiten(block.A[:, j])
-            information += white.T @ white / max(process.power, 1e-300)
-    return np.sqrt(np.diag(np.linalg.pinv(information, hermitian=True)))
+            R = triangularise(np.vstack([R, white / np.sqrt(max(process.power, 1e-300))]))
+    return np.linalg.norm(decompose(R).inverse, axis=1)

@@ -19,13 +19,12 @@ from scipy.spatial import cKDTree
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.linalg import decompose, triangularise
 from gimbal_pin.regression.solve import (
-    RANK,
     Estimate,
     compute_gain,
     compute_residuals,
     count_effective_rows,
-    triangularise,
 )
 from gimbal_pin.rig.brief import brief
 
@@ -137,18 +136,15 @@ def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
         b: Torque, (m,).
         count: Rows that were not masked out.
     """
-    size = A.shape[1]
-    R = triangularise(np.column_stack([A, X, b]))
-    _, seen, turned = np.linalg.svd(R[:, :size], full_matrices=False)
-    turned = turned[seen > RANK * seen.max(initial=0.0)]
-    if len(turned) < size:  # what several columns share is taken once
-        size = len(turned)
-        R = triangularise(np.column_stack([R[:, : A.shape[1]] @ turned.T, R[:, A.shape[1] :]]))
-    end = min(len(R), size + X.shape[1])
-    left = R[size:end, size:-1]
-    z = R[size:end, -1]
+    joint = triangularise(np.column_stack([A, X, b]))
+    # Unscaled: a column that the joint feels by rounding only is no direction.
+    svd = decompose(joint[:, : A.shape[1]], np.ones(A.shape[1]))
+    R = triangularise(joint[:, A.shape[1] :] - svd.U @ (svd.U.T @ joint[:, A.shape[1] :]))
+    end = X.shape[1]
+    left = R[:end, :-1]
+    z = R[:end, -1]
     rest = float(np.sum(R[end:, -1] ** 2))
-    free = max(count - size, 1.0)
+    free = max(count - len(svd.s), 1.0)
     power = (float(z @ z) + rest) / free
     if not len(z) or power <= 0:
         return Misfit(0.0, float(np.sqrt(power)), np.zeros(X.shape[1]), float(np.sqrt(power)))

@@ -10,8 +10,8 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.covariance import compute_coloured_covariance
 from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.linalg import solve_moments
 from gimbal_pin.regression.solve import (
-    RANK,
     Estimate,
     Method,
     compute_residuals,
@@ -86,21 +86,19 @@ def _solve_instrumental(
         moment = compute_moments(pairs, weight) - compute_moments(
             [(D, D) for D in noise], weight, width
         )
-        theta, inverse, condition = solve_moments(
-            moment, compute_targets(blocks, [Z for Z, _ in pairs], weight)
-        )
+        found = solve_moments(moment, compute_targets(blocks, [Z for Z, _ in pairs], weight))
+        theta = found.theta
         squares = sum(np.sum(compute_residuals(block, theta) ** 2, axis=0) for block in blocks)
         power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
         weight = weigh_joints(power) ** 2
-    spread = compute_coloured_covariance(blocks, [Z for Z, _ in pairs], theta, inverse, weight)
-    spread = spread + inverse @ _compute_product_covariance(noise, theta, weight) @ inverse.T
-    blind = ~np.any(inverse != 0.0, axis=1)
-    spread[blind, blind] = np.inf
+    gain = found.gain
+    spread = compute_coloured_covariance(blocks, [Z for Z, _ in pairs], theta, gain, weight)
+    spread = spread + gain @ _compute_product_covariance(noise, theta, weight) @ gain.T
     return Estimate(
         theta,
-        spread,
+        found.mark_unseen(spread),
         np.sqrt(power),
-        condition,
+        found.condition,
         sum(len(block.t) for block in blocks),
         Method.INSTRUMENTAL,
     )
@@ -139,20 +137,3 @@ def compute_targets(blocks: Sequence[Block], instruments: Sequence[Array], weigh
         [np.einsum("tjk,j,tj->k", Z, weight, block.b) for Z, block in zip(instruments, blocks)],
         axis=0,
     )
-
-
-def solve_moments(moment: Array, target: Array) -> tuple[Array, Array, float]:
-    """Return ``moment⁻¹ target``, the inverse, zero where a direction is not seen, and the condition number.
-
-    The columns are scaled to unit size first.
-    """
-    size = np.sqrt(np.abs(np.diag(moment)))
-    unit = np.where(size > 0, size, 1.0)
-    left, values, right = np.linalg.svd(moment / np.outer(unit, unit))
-    seen = values > RANK * values[0]
-    inverse = (
-        (right.T * np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0))
-        @ left.T
-        / np.outer(unit, unit)
-    )
-    return inverse @ target, inverse, float(values[0] / values[-1]) if seen.all() else float("inf")

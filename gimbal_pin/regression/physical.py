@@ -12,8 +12,8 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.consistency import BARRIER_WEIGHTS, compute_deformation_root, fit_bodies
 from gimbal_pin.regression.design import Block, Design, find_base_columns, get_design
+from gimbal_pin.regression.linalg import decompose, triangularise
 from gimbal_pin.regression.solve import (
-    RANK,
     Estimate,
     Method,
     compute_covariance,
@@ -22,7 +22,6 @@ from gimbal_pin.regression.solve import (
     factor_rows,
     solve,
     solve_factors,
-    triangularise,
     weigh_joints,
 )
 
@@ -152,15 +151,12 @@ def anchor(data: Array, wide: Array) -> Array:
         ``[U U theta_0]``, (any, k + 1).
     """
     R = triangularise(data)
-    norms = np.linalg.norm(R[:, :-1], axis=0)
-    unit = np.where(norms > 0, norms, 1.0)
-    left, values, right = np.linalg.svd(R[:-1, :-1] / unit)
-    seen = values > RANK * values[0]
-    forth = values[seen, None] * right[seen] * unit
-    back = right[seen].T / values[seen] / unit[:, None]
+    svd = decompose(R[:-1, :-1])
+    forth = svd.s[:, None] * svd.Vt * svd.d
+    back = svd.Vt.T / svd.s / svd.d[:, None]
     _, size, turned = np.linalg.svd(wide @ back, full_matrices=False)
     rows = np.minimum(size, np.sqrt(LARGEST_PRIOR_WEIGHT))[:, None] * (turned @ forth)
-    return np.column_stack([rows, rows @ (back @ (left[:, seen].T @ R[:-1, -1]))])
+    return np.column_stack([rows, rows @ (back @ (svd.U.T @ R[:-1, -1]))])
 
 
 def fit_bounded_bodies(
@@ -205,5 +201,5 @@ def _fit_bodies(
     phi = fit_bodies(start, R[free:end, free:end] @ mixing, R[free:end, end], weights).phi
     left = R[:free, end] - R[:free, free:end] @ (mixing @ phi)
     others = fixed_values.copy()
-    others[~fixed] = np.linalg.lstsq(R[:free, :free], left, rcond=None)[0]
+    others[~fixed] = decompose(R[:free, :free]).inverse @ left
     return phi, others

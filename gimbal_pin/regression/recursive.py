@@ -10,11 +10,9 @@ import numpy as np
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.covariance import compute_score_covariance
 from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.linalg import triangularise, whiten
 from gimbal_pin.regression.noise import Autoregression, join_blocks
 from gimbal_pin.rig.brief import brief
-
-LEAST_EIGENVALUE = 1e-9
-"""Least eigenvalue of a correlation that counts as one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +96,6 @@ def loosen_prior(theta: Array, covariance: Array, directions: Array) -> Array:
         covariance: Their covariance, finite, (k, k).
         directions: D, (k, r).
     """
-    unit = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    U = vectors.T / np.sqrt(np.maximum(values, LEAST_EIGENVALUE))[:, None] / unit
+    U = whiten(covariance)
     r = directions.shape[1]
-    R = np.asarray(np.linalg.qr(np.column_stack([U @ directions, U, U @ theta]), mode="r"))
-    return R[r:, r:]
+    return triangularise(np.column_stack([U @ directions, U, U @ theta]))[r:, r:]

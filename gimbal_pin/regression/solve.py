@@ -6,22 +6,17 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import repeat
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.covariance import compute_coloured_covariance
 from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.linalg import Solution, solve_rows, triangularise
 from gimbal_pin.regression.recursive import PastRows
 from gimbal_pin.rig.brief import brief
 
-LEAF = 8192
-"""Numbers in one leaf of the TSQR: it stays in the cache, and is too small for BLAS to wake threads, which on a busy
-machine cost a hundred times the work they share."""
-RANK = 1e-10
-"""Singular values of the scaled factor under this share of the largest are directions that the data do not show."""
 WEIGHT_PASSES = 4
 HUBER = 1.345
 """Tuning constant: 95 % of least squares' efficiency on Gaussian residuals (Huber 1981)."""
@@ -140,44 +135,6 @@ def choose_columns(factors: Array, places: Sequence[int]) -> Array:
     return np.stack([triangularise(R[:, [*places, -1]]) for R in factors])
 
 
-def triangularise(matrix: Array) -> Array:
-    """The triangular factor R of ``matrix = Q R``, (k, k) or shorter, leaf by leaf (TSQR)."""
-    width = matrix.shape[1]
-    leaf = max(LEAF // width, 2 * width)
-    R = np.zeros((0, width))
-    for begin in range(0, max(len(matrix), 1), leaf):
-        rows = matrix[begin : begin + leaf]
-        R = np.triu(dgeqrf(np.vstack([R, rows]) if begin else rows, lwork=32 * width)[0][:width])
-    return R
-
-
-def project_rows(rows: Array, columns: Array) -> Array:
-    """Rows (N, k) without what lies in the span of some columns (N, m), scaled and dependent as they are."""
-    size = np.linalg.norm(columns, axis=0)
-    left, values, _ = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
-    span = left[:, values > RANK * values.max(initial=0.0)]
-    return np.asarray(rows - span @ (span.T @ rows))
-
-
-class Solution(NamedTuple):
-    """Least squares of some factors.
-
-    Attributes:
-        theta: Parameters, (k,).
-        information: ``(AᵀWA)⁻¹``, (k, k), infinite where a direction is not seen.
-        condition: Condition number with columns scaled to unit norm.
-    """
-
-    theta: Array
-    information: Array
-    condition: float
-
-    @property
-    def gain(self) -> Array:
-        """``(AᵀWA)⁻¹``, (k, k), zero where a direction is not seen."""
-        return np.where(np.isfinite(self.information), self.information, 0.0)
-
-
 def solve_factors(factors: Array, scale: Array, prior: Array | None = None) -> Solution:
     """Least squares over all joints, joint j's rows multiplied by ``scale[j]``, and what is known beforehand.
 
@@ -187,24 +144,7 @@ def solve_factors(factors: Array, scale: Array, prior: Array | None = None) -> S
         prior: Rows ``[U z]`` with ``U theta = z`` up to noise of unit size, (any, k + 1); None: none.
     """
     rows = (factors * scale[:, None, None]).reshape(-1, factors.shape[2])
-    stacked = triangularise(rows if prior is None else np.concatenate([prior, rows]))
-    R = stacked[:-1, :-1]
-    y = stacked[:-1, -1]
-    norms = np.linalg.norm(R, axis=0)
-    unit = np.where(norms > 0, norms, 1.0)
-    left, values, right = np.linalg.svd(R / unit)
-    seen = values > RANK * values[0]
-    inverse = np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0)
-    theta = right.T @ (inverse * (left.T @ y)) / unit
-    information = (right.T * inverse**2) @ right / np.outer(unit, unit)
-    blind = (
-        (np.abs(right[~seen]) > 1e-6).any(axis=0) if (~seen).any() else np.zeros(len(theta), bool)
-    )
-    information[blind, :] = information[:, blind] = 0.0
-    information[blind, blind] = np.inf
-    return Solution(
-        theta, information, float(values[0] / values[-1]) if seen.all() else float("inf")
-    )
+    return solve_rows(rows if prior is None else np.concatenate([prior, rows]))
 
 
 def weigh_and_solve(
@@ -289,9 +229,7 @@ def compute_covariance(
         out = out + half.T @ half
     if past is not None:
         out = out + gain @ np.einsum("j,jab->ab", scale**4, past.score) @ gain
-    blind = ~np.isfinite(np.diag(solution.information))
-    out[blind, blind] = np.inf
-    return out
+    return solution.mark_unseen(out)
 
 
 def solve(
