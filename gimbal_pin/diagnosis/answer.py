@@ -193,7 +193,7 @@ def _describe_contest(explanation: Explanation, contest: Contest, covariance: Ar
     problem = explanation.search.problem
     final = explanation.found.final
     first = contest.own[0]
-    sized = size_finding(problem, final, contest.own, covariance)
+    sized = size_finding(explanation.search, final, contest.own, covariance)
     blurred: Sequence[str] = ()
     if first.joint is not None:
         joined: Any = reduce(lambda a, b: a.joined(b), (one.cause for one in contest.own))

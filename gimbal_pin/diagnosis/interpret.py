@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.diagnosis.candidates import Candidate
-from gimbal_pin.diagnosis.problem import Problem
-from gimbal_pin.diagnosis.search import Solution
+from gimbal_pin.diagnosis.candidates import REFINEMENTS, Candidate
+from gimbal_pin.diagnosis.search import Search, Solution
+from gimbal_pin.diagnosis.uncertainty import compute_shape_covariance
 from gimbal_pin.effects import Cause, Effect, JointFlexibility, PayloadMass, Term
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
@@ -37,16 +37,17 @@ class Sized:
 
 
 def size_finding(
-    problem: Problem, solution: Solution, own: Sequence[Candidate], covariance: Array
+    search: Search, solution: Solution, own: Sequence[Candidate], covariance: Array
 ) -> Sized:
     """Return the physical parameters of a finding.
 
     Args:
-        problem: The rows.
+        search: The search.
         solution: The model.
         own: Candidates of the finding: several harmonics of one cause.
         covariance: Covariance of the model's coefficients.
     """
+    problem = search.problem
     own = sorted(own, key=lambda x: getattr(x.cause, "harmonic", (0.0,))[0])
     slices = [solution.get_places(x, problem) for x in own]
     places = np.concatenate([np.arange(x.start, x.stop) for x in slices])
@@ -55,7 +56,13 @@ def size_finding(
     cause: Any = reduce(lambda a, b: a.joined(b), (x.cause for x in own))
     physical = build_physical(cause, values, problem.rig)
     if isinstance(physical, Term):
-        return Sized(physical, cause.shown(tuple(values), covariance))
+        shaped = compute_shape_covariance(search, solution, own[0]) if len(own) == 1 else None
+        if shaped is None:
+            return Sized(physical, cause.shown(tuple(values), covariance))
+        name = REFINEMENTS[cause.name][0]
+        std = float(np.sqrt(shaped[-1, -1]))
+        shown = cause.shown(tuple(values), shaped[:-1, :-1])
+        return Sized(physical, tuple(replace(p, std=std) if p.name == name else p for p in shown))
     known = dict(zip(SIZES.get(cause.name, ()), np.sqrt(np.diag(covariance)).tolist()))
     parameters = (replace(p, std=known.get(p.name, nan)) for p in physical.shown())
     return Sized(physical, tuple(parameters))

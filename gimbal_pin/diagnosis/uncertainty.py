@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from gimbal_pin.diagnosis.score import BlockFit, split_folds
+from gimbal_pin.diagnosis.candidates import REFINEMENTS, Candidate, vary_shape
+from gimbal_pin.diagnosis.problem import build_precision
+from gimbal_pin.diagnosis.score import BlockFit, fit_blocks, split_folds
 from gimbal_pin.diagnosis.search import Search, Solution
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import build_discrepancy_columns, fit_misfit, propagate_misfit
+
+SHAPE_STEP = 1.01
+"""Factor of the shape parameter by which its derivative is computed: a central difference errs by 1e-4 of it."""
 
 
 def compute_white_covariance(fit: BlockFit) -> Array:
@@ -40,3 +45,46 @@ def compute_covariance(search: Search, solution: Solution) -> Array:
         moved = propagate_misfit(fit.inverse[:, places], fit.weight[j] * (A.T @ X), missed)
         covariance += moved @ moved.T
     return np.asarray(fit.covariance + covariance / np.outer(fit.norms, fit.norms))
+
+
+def compute_shape_covariance(search: Search, solution: Solution, cause: Candidate) -> Array | None:
+    """Return the covariance of a cause's coefficients and of its shape parameter, (k + 1, k + 1).
+
+    To first order another shape s adds the column ``∂(X(s) b)/∂s``, whose coefficient is the change of s. Without it
+    the deviations of b are those of a shape that is known.
+
+    Args:
+        search: The search.
+        solution: The model.
+        cause: One of its causes.
+
+    Returns:
+        None for a cause whose shape is not refined by one number.
+    """
+    name = REFINEMENTS.get(cause.name, ("", 0.0))[0]
+    problem = search.problem
+    joint = cause.joint
+    if not name or joint is None:
+        return None
+    varied = vary_shape(cause, SHAPE_STEP, problem.ranges[joint])
+    if len(varied) < 2:
+        return None
+    theta = solution.fit.theta
+    places = solution.find_places([cause], problem)
+    low, high = (
+        search.build_columns(x, solution.torque, theta).rows[joint] @ theta[places] for x in varied
+    )
+    span = getattr(varied[1].cause, name) - getattr(varied[0].cause, name)
+    base = [np.column_stack([B, np.zeros(len(B))]) for B in solution.base]
+    base[joint][:, -1] = (high - low) / span
+    rows = problem.rows
+    fit = fit_blocks(
+        [search.whitening.apply(rows, B, j) for j, B in enumerate(base)],
+        solution.fit.target,
+        rows.folds,
+        rows.count_effective_rows(),
+        np.append(build_precision(problem, solution.columns), 0.0),
+        solution.fit.weight,
+    )
+    own = np.append(places, True)
+    return np.asarray(fit.covariance[np.ix_(own, own)])
