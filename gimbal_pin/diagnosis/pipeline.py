@@ -28,6 +28,7 @@ from gimbal_pin.diagnosis.several import find_disagreement
 from gimbal_pin.diagnosis.uncertainty import compute_covariance
 from gimbal_pin.diagnosis.visibility import compute_detection_limits, get_joint, list_untestable
 from gimbal_pin.dynamics.threads import limit_to_one_thread
+from gimbal_pin.effects import RigEffect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering
@@ -118,6 +119,7 @@ def describe_explanation(
     scales = compare_scales(*prepared.beginning) if prepared.beginning else ()
     findings = list_findings(explanation)
     findings = [one for one in findings if not prepared.is_doubtful(one, scales)]
+    findings = reject_impossible_bodies(explanation, findings)
     stated = [one for one in findings if one.is_stated]
     places = {one.at for one in stated}
     scales = tuple(one for one in scales if not places.issuperset(one.torques))
@@ -153,6 +155,23 @@ def describe_explanation(
     candidate = find_nearest_candidate(explanation) if diagnosis.verdict == "unknown" else None
     immaterial = list_immaterial(explanation, candidate)
     return replace(diagnosis, candidate=candidate, immaterial=immaterial)
+
+
+def reject_impossible_bodies(
+    explanation: Explanation, findings: Sequence[Finding]
+) -> list[Finding]:
+    """Return findings; a change of bodies that leaves a mass or an inertia which no body can have is unconfirmed."""
+    final = explanation.found.final
+    bodies = build_model(explanation.search.problem, final, (), final.fit.covariance).rig
+    checked = list[Finding]()
+    for finding in findings:
+        try:
+            if finding.is_stated and isinstance(finding.physical, RigEffect):
+                bodies = finding.physical.apply(bodies)
+        except UsageError:
+            finding = replace(finding, status="unconfirmed")
+        checked.append(finding)
+    return checked
 
 
 def keep_stated_causes(explanation: Explanation, stated: Sequence[Finding]) -> Solution:
