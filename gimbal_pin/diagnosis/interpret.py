@@ -56,7 +56,9 @@ def size_finding(
     cause: Any = reduce(lambda a, b: a.joined(b), (x.cause for x in own))
     physical = build_physical(cause, values, problem.rig)
     if isinstance(physical, Term):
-        shaped = compute_shape_covariance(search, solution, own[0]) if len(own) == 1 else None
+        shaped = None
+        if len(own) == 1:
+            shaped = compute_shape_covariance(search, solution, own[0], covariance)
         if shaped is None:
             return Sized(physical, cause.shown(tuple(values), covariance))
         name = REFINEMENTS[cause.name][0]

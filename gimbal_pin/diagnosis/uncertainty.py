@@ -47,16 +47,19 @@ def compute_covariance(search: Search, solution: Solution) -> Array:
     return np.asarray(fit.covariance + covariance / np.outer(fit.norms, fit.norms))
 
 
-def compute_shape_covariance(search: Search, solution: Solution, cause: Candidate) -> Array | None:
-    """Return the covariance of a cause's coefficients and of its shape parameter, (k + 1, k + 1).
+def compute_shape_covariance(
+    search: Search, solution: Solution, cause: Candidate, covariance: Array
+) -> Array | None:
+    """Return the covariance of a cause's coefficients b and of its shape parameter s, (k + 1, k + 1).
 
-    To first order another shape s adds the column ``∂(X(s) b)/∂s``, whose coefficient is the change of s. Without it
-    the deviations of b are those of a shape that is known.
+    To first order another shape adds the column ``∂(X(s) b)/∂s``, whose coefficient is the change of s. With its
+    variance v and the slope ``g = ∂b/∂s`` of a fit that has this column, that of b is ``P + v g g'``.
 
     Args:
         search: The search.
         solution: The model.
         cause: One of its causes.
+        covariance: Covariance P of b where the shape is known, (k, k).
 
     Returns:
         None for a cause whose shape is not refined by one number.
@@ -86,5 +89,8 @@ def compute_shape_covariance(search: Search, solution: Solution, cause: Candidat
         np.append(build_precision(problem, solution.columns), 0.0),
         solution.fit.weight,
     )
-    own = np.append(places, True)
-    return np.asarray(fit.covariance[np.ix_(own, own)])
+    white = compute_white_covariance(fit)[:, -1]
+    slope = white[np.append(places, True)] / white[-1]
+    shaped = fit.covariance[-1, -1] * np.outer(slope, slope)
+    shaped[:-1, :-1] += covariance
+    return np.asarray(shaped)
