@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from gimbal_pin.control.laws.uncertainty import change_parameters, estimate
+from gimbal_pin.control.laws.uncertainty import change_parameters, estimate, factor_covariance
 from gimbal_pin.dynamics.apply import plant_with
 from gimbal_pin.dynamics.model import Estimated, Model, is_motor_friction, replace_bodies
 from gimbal_pin.effects import RigEffect, Signal, Term
@@ -22,7 +22,6 @@ from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.rig_effect import get_payload
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import read_record
 
@@ -198,16 +197,6 @@ def make_variation(model: Model, vary: Vary | str | Path | None = None) -> Varia
     except UsageError as error:
         raise UsageError(f"{place}: {error.place}", error.what, error.mend) from error
     return variation
-
-
-def factor_covariance(covariance: Array) -> Array:
-    """``D C^½``, deviations D and correlations C: of all roots the one whose columns are most their own parameters'.
-
-    Kessy, Lewin, Strimmer, The American Statistician 72 (2018): ZCA-cor.
-    """
-    std = np.sqrt(np.diag(covariance)) + 1e-150
-    size, ways = np.linalg.eigh(covariance / np.outer(std, std))
-    return np.asarray(std[:, None] * (ways * np.sqrt(np.maximum(size, 0.0))) @ ways.T)
 
 
 class RigDraw(NamedTuple):

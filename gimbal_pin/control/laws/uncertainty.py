@@ -112,19 +112,23 @@ def bounds(model: Model, rng: np.random.Generator) -> ModelErrorBounds:
     return ModelErrorBounds(alpha, phi, largest, source)
 
 
-def draw_changes(covariance: Array, count: int, rng: np.random.Generator) -> Array:
-    """Draw errors of parameters from a normal distribution, (count, k).
+def factor_covariance(covariance: Array) -> Array:
+    """Return ``D C^½``, (k, k), with deviations D and correlations C.
 
-    The correlations are factored and not the covariance: rounding of a huge variance, such as of a drift that a log
-    hardly shows, would otherwise exceed the variance of an inertia.
+    Of all roots it is the one whose columns are most their own parameters' (ZCA-cor: Kessy, Lewin and Strimmer, The
+    American Statistician 72, 2018). It does not hang on the signs of eigenvectors, which rounding decides. Correlations
+    are factored and not covariances: rounding of a huge variance, such as of a drift that a log hardly shows, would
+    otherwise exceed the variance of an inertia.
     """
-    std = np.sqrt(np.diag(covariance))
-    unit = np.where(std > 0, std, 1.0)
-    correlation = covariance / np.outer(unit, unit)
-    zero = np.zeros(len(std))
-    return np.asarray(
-        std * rng.multivariate_normal(zero, correlation, count, method="eigh", check_valid="ignore")
-    )
+    std = np.sqrt(np.diag(covariance)) + 1e-150
+    size, ways = np.linalg.eigh(covariance / np.outer(std, std))
+    return np.asarray(std[:, None] * (ways * np.sqrt(np.maximum(size, 0.0))) @ ways.T)
+
+
+def draw_changes(covariance: Array, count: int, rng: np.random.Generator) -> Array:
+    """Draw errors of parameters from a normal distribution, (count, k)."""
+    root = factor_covariance(covariance)
+    return np.asarray(rng.standard_normal((count, len(root))) @ root.T)
 
 
 def bound_drawn_models(
