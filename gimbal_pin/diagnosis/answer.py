@@ -86,7 +86,7 @@ def choose_verdict(findings: Sequence[Finding], rest: Sequence[Rest]) -> str:
     for status in ("named", "ambiguous"):
         if status in statuses:
             return status
-    return "unknown" if findings or any(one.is_unknown for one in rest) else "nothing"
+    return "unknown" if findings or any(joint_rest.is_unknown for joint_rest in rest) else "nothing"
 
 
 def _is_needed(search: Search, contest: Contest) -> bool:
@@ -125,7 +125,7 @@ def _state_finding(
         log_prior: Its log prior, nats.
         compared: Its gain by fold that the rivals' are compared with; None: `gain`.
         blurred: Causes that the logs' range does not tell from it, beside the rivals.
-        least_share: Share of the predictable error that it explains at least.
+        least_share: Share of the predictable error that it explains at least, whatever the errors say.
     """
     search = explanation.search
     problem = search.problem
@@ -150,13 +150,13 @@ def _state_finding(
         )
         for hit, chance in zip(hits, chances[1:])
     ]
-    close = [one for one in rivals if is_close(search, one.nats, one.std, one.probability)]
-    close.sort(key=lambda one: -one.probability)
-    alike = dict.fromkeys((name, *(one.cause for one in close), *blurred))
+    close = [x for x in rivals if is_close(search, x.nats, x.std, x.probability)]
+    close.sort(key=lambda rival: -rival.probability)
+    alike = dict.fromkeys((name, *(rival.cause for rival in close), *blurred))
     # Another function of the cause's own variable predicts more than the error of the cause's form.
     form = settings.cause_form_error * np.sqrt(max(before**2 - after**2, 0.0))
-    is_own = bool(rest.groups) and rest.groups[0] in OWN_FUNCTIONS.get(name, ())
-    is_misshapen = curve == 1.0 and is_own and rest.predictable > form
+    reads_own_variable = bool(rest.groups) and rest.groups[0] in OWN_FUNCTIONS.get(name, ())
+    is_misshapen = curve == 1.0 and reads_own_variable and rest.predictable > form
     nats = float(gain.sum())
     std = float(compute_standard_error(gain))
     is_clear = nats >= search.least_deviations * std
@@ -176,7 +176,7 @@ def _state_finding(
         before=before,
         after=after,
         share=share,
-        rivals=tuple(sorted(rivals, key=lambda one: one.nats)),
+        rivals=tuple(sorted(rivals, key=lambda rival: rival.nats)),
         physical=physical,
     )
 

@@ -65,7 +65,7 @@ def compute_size(gain: float, power: float, rows: float) -> float:
 
 
 def compute_sure_gain(nats: float, deviations: float) -> float:
-    """Return the expected gain of which 19 of 20 logs give these nats and these standard errors."""
+    """Return the expected gain at which 19 of 20 logs reach a gain, nats, and a number of standard errors."""
     root = NINETEEN_OF_TWENTY / sqrt(2)
     gain = (root + sqrt(root**2 + max(nats, 0.0))) ** 2
     return max(gain, 2 * (deviations + NINETEEN_OF_TWENTY) ** 2)
@@ -182,8 +182,8 @@ def measure_rivals(
         for k in np.argsort(-power).tolist():  # of each rival the form that leaves least comes last
             rival = candidates[k]
             values = size * gains.coefficients[k, : count_columns(rival)]
-            is_told = gains.remaining[k] < least or rival.kind == planted.kind
-            if not is_told and rival.is_admissible(values, np.zeros(0)):
+            is_left_out = gains.remaining[k] < least or rival.kind == planted.kind
+            if not is_left_out and rival.is_admissible(values, np.zeros(0)):
                 rivals[rival.name, rival.place] = float(power[k]), rival.log_prior
     blurred = planted.cause.blurred(search.problem.ranges[planted.joint or 0])
     return rivals | {(name, planted.place): (0.0, 0.0) for name in blurred}
