@@ -45,7 +45,7 @@ def compute_gain(before: Array, after: Array, rows: Array) -> Array:
 
     Args:
         before: Squared held-out errors of model A, (K, n).
-        after: The same of one or several models B, (..., K, n).
+        after: Squared held-out errors of one or several models B, (..., K, n).
         rows: Effective rows, (K, n).
     """
     count = len(rows)

@@ -33,9 +33,9 @@ class Settings:
         min_folds: Fewest blocks of a short log. Convention: a deviation of fewer is hardly known, as Student's quantile
             says. Half asks of a gain in a short log 1.4 times the standard errors; twice makes its blocks as short as
             the noise's correlation.
-        outer_every: One block of so many of a long log serves for the shown figures alone. Convention: a fifth of the
-            data for the test. Half gives half of the log away; twice fits 90 % of it and shows figures that are 1.4
-            times as uncertain.
+        outer_every: Number of blocks of a long log of which one serves for the shown figures alone. Convention: a fifth
+            of the data for the test. Half gives half of the log away; twice fits 90 % of it and shows figures that are
+            1.4 times as uncertain.
         sign_deviations: Deviations of its noise that a rate must have for its sign to count. Derived: one sign in 30
             000 is wrong. At half one in 44 is wrong, which looks like other friction; twice leaves out rates twice as
             high.

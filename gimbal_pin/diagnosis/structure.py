@@ -52,8 +52,8 @@ class Surroundings:
         weight: Torque at rest over the rms torque, (m,).
         others: Rates, directions and torques of the other joints, (k, m) each.
         neighbours: Angles and rates of the neighbours, (k, m) each.
-        accelerations: Those of the joint and its neighbours, rad/s², (k, m).
-        torques: The same of torques, N m, (k, m).
+        accelerations: Accelerations of the joint and its neighbours, rad/s², (k, m).
+        torques: Torques of the joint and its neighbours, N m, (k, m).
         dt: Interval, s.
         seconds: Length of the logs, s.
         travel: The joint's travel, rad.
