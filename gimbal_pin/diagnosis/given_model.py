@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,21 +13,13 @@ from gimbal_pin.diagnosis.result import Diagnosis
 from gimbal_pin.diagnosis.uncertainty import compute_covariance, compute_white_covariance
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.errors import GimbalPinError
 from gimbal_pin.identification import (
     BaseDifference,
     PayloadStatement,
-    apply_changes,
-    compare_payload,
     given_beta,
-    identify,
-    refittable_effects,
     state_payload,
 )
 from gimbal_pin.identification.given_model import describe_friction, describe_inertia
-from gimbal_pin.log.log import Log
-from gimbal_pin.regression import Filtering, subsample_log
-from gimbal_pin.rig.rig import Rig
 
 
 def compute_base_difference(explanation: Explanation, model: Model) -> BaseDifference:
@@ -84,41 +75,19 @@ def _describe_inertias(
         )
 
 
-def state_payload_with_causes(
-    diagnosis: Diagnosis,
-    rig: Rig,
-    logs: Sequence[Log],
-    holdout: str | None,
-    filtering: Filtering | None,
-    mass: float | None,
-) -> PayloadStatement:
-    """State what `identify` says of the payload with the found causes in its equations; nothing of spoilt logs.
+def state_payload_with_causes(diagnosis: Diagnosis, mass: float | None) -> PayloadStatement:
+    """State place, mass and balance of the payload beside the found causes; nothing of spoilt logs.
 
-    Where these cannot hold a cause, as of the drive or of a friction that reads the torque, or refuse the logs, the
-    diagnosis's own fit says it.
+    `identify`, whose equations lack the causes that read the torque, states them of its own fit.
 
     Args:
         diagnosis: The diagnosis.
-        rig: The rig.
-        logs: Its logs.
-        holdout: As for `identify`.
-        filtering: As for `identify`.
-        mass: Of the payload, kg, where it was weighed.
+        mass: Mass of the payload where it was weighed, kg.
     """
     if diagnosis.explanation is None:
         return PayloadStatement()
-    model = diagnosis.after
-    if not (model.drive or any(term.effect.loaded for term in model.terms)):
-        with suppress(GimbalPinError):
-            found = identify(
-                apply_changes(rig, model.changes),
-                [subsample_log(log).log for log in logs],
-                refittable_effects(model),
-                holdout=holdout,
-                filtering=filtering,
-                examined="never",
-            )
-            return compare_payload(found, mass)
-    difference = compute_base_difference(diagnosis.explanation, model)
-    before, after = (given_beta(x, difference.reduction) for x in (difference.rig, model.rig))
+    difference = compute_base_difference(diagnosis.explanation, diagnosis.after)
+    before, after = (
+        given_beta(rig, difference.reduction) for rig in (difference.rig, diagnosis.after.rig)
+    )
     return state_payload(replace(difference, change=after - before), mass)

@@ -88,8 +88,7 @@ def diagnose(
         return report_spoilt_logs(rig, prepared.with_fault(disagreement), given)
     diagnosis = replace(describe_explanation(explanation, prepared, idle), data=tuple(given))
     diagnosis = compare_given_model(diagnosis, prepared)
-    payload = state_payload_with_causes(diagnosis, rig, given, holdout, filtering, mass)
-    return replace(diagnosis, given=payload)
+    return replace(diagnosis, given=state_payload_with_causes(diagnosis, mass))
 
 
 def find_kept_log(holdout: str | None, given: Sequence[Log], kept: Sequence[Log]) -> str | None:
