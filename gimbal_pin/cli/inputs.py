@@ -51,8 +51,9 @@ def read_logs(
         )
         tell([f"{what}: {held}; 'fixed:' in the rig's YAML states another"])
         loaded = Rig.load(rig, payload, fixed=absent)
+    # Each table is dropped as it is read: its text is as large as the log.
     return loaded, [
-        log_in(x, loaded, mapping, split_payload(log)[1], need_tau) for x, log in zip(tables, logs)
+        log_in(tables.pop(0), loaded, mapping, split_payload(log)[1], need_tau) for log in logs
     ]
 
 

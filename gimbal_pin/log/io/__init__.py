@@ -73,7 +73,10 @@ def log_in(
         raise LogError(
             error.place, error.what, propose_entries(table, rig, error.missing) or error.mend
         ) from error
-    return to_log(data, table.name, rig, links, payload, sources, (*table.notes, *notes))
+    name = table.name
+    notes = [*table.notes, *notes]
+    del table  # its text is as large as the log
+    return to_log(data, name, rig, links, payload, sources, notes)
 
 
 def to_log(

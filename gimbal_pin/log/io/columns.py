@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -231,18 +232,22 @@ def read_groups(
                 present = {c: source for c, source in present.items() if c not in group.columns}
     read = {source.column: raw[source.column] for source in present.values()}
     kept = _select_whole_rows(table, read, present["t"], notes)
+    del read
+    groups = {key: group for key, group in groups.items() if group.columns[0] in present}
+    uses = Counter(present[c].column for group in groups.values() for c in group.columns)
     arrays = {}
     for key, group in groups.items():
-        if group.columns[0] in present:
-            named = [present[column] for column in group.columns]
-            with np.errstate(over="ignore"):  # refused below
-                arrays[key] = np.column_stack(
-                    [source.convert(raw[source.column][kept]) for source in named]
-                )
-            channel = key if key in PLAUSIBLE_RANGES else key.split("_")[0]
-            if (wrong := find_implausible(channel, arrays[key])) is not None:
-                row, column, what, mend = wrong
-                raise LogError(table.place(int(kept[row]), named[column].column), what, mend)
+        named = [present[column] for column in group.columns]
+        with np.errstate(over="ignore"):  # refused below
+            arrays[key] = np.column_stack(
+                [source.convert(raw[source.column][kept]) for source in named]
+            )
+        uses.subtract(source.column for source in named)
+        raw = {column: x for column, x in raw.items() if uses[column] > 0}
+        channel = key if key in PLAUSIBLE_RANGES else key.split("_")[0]
+        if (wrong := find_implausible(channel, arrays[key])) is not None:
+            row, column, what, mend = wrong
+            raise LogError(table.place(int(kept[row]), named[column].column), what, mend)
     if (late := find_untimely(arrays["t"][:, 0])) is not None:
         row, what, mend = late
         t = arrays["t"][:, 0]

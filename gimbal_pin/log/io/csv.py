@@ -53,8 +53,9 @@ class CsvTable:
         name: The file's path.
         columns: Names in the header; ``column1, column2, …`` where the file starts with numbers.
         separator: What stands between values.
-        body: What follows the header.
-        first: Number of the body's first line in the file, from 1.
+        text: The file's text, or a part of it.
+        first: Number of the first row's line in the file, from 1.
+        begin: Byte of `text` where the first row begins. Rows are not copied out: a text may fill half of the memory.
         spaced: Whether spaces stand between values: read as tabs.
         decimal: What stands before a number's fraction, a point or a comma.
         stamps: Places of the columns of dates and times of day, read as seconds.
@@ -65,13 +66,19 @@ class CsvTable:
     name: str
     columns: tuple[str, ...]
     separator: str
-    body: bytes
+    text: bytes
     first: int
+    begin: int = 0
     spaced: bool = False
     decimal: str = "."
     stamps: tuple[int, ...] = ()
     date: int = -1
     notes: Sequence[str] = ()
+
+    @property
+    def body(self) -> bytes:
+        """The text of the rows."""
+        return self.text[self.begin :]
 
     def read(self, columns: Sequence[str]) -> dict[str, Array]:
         """Return the named columns, (N,) each; `LogError` names the line and column of the first flaw.
@@ -82,33 +89,35 @@ class CsvTable:
         from tqdm import tqdm
 
         index = {column: self.columns.index(column) for column in columns}
-        # As many rows as there are lines, some of them blank: no part is held twice.
-        values = np.empty((len(index), self.body.count(b"\n") + 1))
+        # As many rows as there are lines, some of them blank: no part is held twice. One array per column: the caller
+        # frees each as soon as it is converted.
+        text = self.text
+        values = {column: np.empty(text.count(b"\n", self.begin) + 1) for column in index}
         count = 0
         line = self.first
-        start = 0
-        size = len(self.body) if b'"' in self.body else BLOCK
+        start = self.begin
+        size = BLOCK if text.find(b'"', self.begin) < 0 else len(text)
         bar = tqdm(
             desc=visible(self.name),
-            total=len(self.body),
+            total=len(text) - self.begin,
             unit="B",
             unit_scale=True,
             delay=2,
             disable=None,
         )
         with bar:
-            while start < len(self.body):
-                end = self.body.find(b"\n", start + size) + 1 or len(self.body)
-                body = self.body[start:end]
+            while start < len(text):
+                end = text.find(b"\n", start + size) + 1 or len(text)
+                body = text[start:end]
                 # Where a part is cut, its last line is the one that is too long.
                 begin = body.rfind(b"\n", 0, len(body) - 1) + 1
                 _check_length(f"{self.name}:{line + body[:begin].count(10)}", len(body) - begin)
-                part = replace(self, body=self._plain(body), first=line)
-                if part.body.strip():
+                part = replace(self, text=self._plain(body), first=line, begin=0)
+                if part.text.strip():
                     numbers = part._numbers(index)
                     rows = slice(count, count + len(next(iter(numbers.values()))))
-                    for row, place in zip(values, index.values()):
-                        row[rows] = numbers[place]
+                    for column, place in index.items():
+                        values[column][rows] = numbers[place]
                     count = rows.stop
                 bar.update(end - start)
                 start = end
@@ -117,10 +126,9 @@ class CsvTable:
             raise LogError(
                 f"{self.name}:{self.first}", "has a header but no rows", "give a file with samples"
             )
-        whole = dict(zip(index, values[:, :count]))
         return {
-            column: unwrap_midnight(x) if index[column] in self.stamps else x
-            for column, x in whole.items()
+            column: unwrap_midnight(x[:count]) if index[column] in self.stamps else x[:count]
+            for column, x in values.items()
         }
 
     def _plain(self, body: bytes) -> bytes:
@@ -325,8 +333,9 @@ def read_header(name: str, data: bytes) -> CsvTable | None:
         name,
         tuple(names),
         "\t" if spaced else separator,
-        data[start:],
+        data,
         first,
+        start,
         spaced,
         ","
         if separator != "," and _DECIMAL_COMMA.search(data, start, start + LONGEST_LINE)

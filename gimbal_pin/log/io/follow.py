@@ -91,7 +91,9 @@ def _read_usable(
     while end - fine > 1:
         middle = (fine + end) // 2
         try:
-            found = read_groups(replace(table, body=b"".join(rows[:middle])), groups, sources)
+            found = read_groups(
+                replace(table, text=b"".join(rows[:middle]), begin=0), groups, sources
+            )
             fine = middle
         except LogError:
             end = middle
@@ -110,7 +112,7 @@ def _parse_parts(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
             before = decode_utf8(before + part)
             head = found = read_header(name, before)
         else:
-            found = replace(head, body=part, first=line)
+            found = replace(head, text=part, first=line, begin=0)
         if found is not None:
             line = found.first + found.body.count(b"\n")
             if COMMENT_LINE.sub(b"", found.body).strip():
