@@ -10,6 +10,7 @@ import numpy as np
 
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.checks.record import Examined, Fault
+from gimbal_pin.checks.refusals import find_driven
 from gimbal_pin.checks.series import (
     JOINT_CHANNELS,
     WORDS,
@@ -89,6 +90,9 @@ def check_stuck_channel(rig: Rig, log: Log, filtering: Filtering) -> Examined | 
         f"({digits(100 * share, 2)} % of the log) while the joint moves on{where}"
     )
     mend = f"check the {what} sensor's wiring, range and bus messages, and record again"
+    if worst.channel == "tau" and not column.any():
+        sentence = f"{joint}: the torque is zero all along while the joint moves{where}"
+        mend = "log what its drive reports"
     fault = Fault("stuck-channel", joint, sentence, figures, worst.loudness / LOUD, True, mend)
     return Examined(fault, () if bad.mean() > 0.5 else (log.part(np.flatnonzero(~bad)),))
 
@@ -214,11 +218,13 @@ def find_denied_runs(
     assert log.tau is not None
     column = log.tau[:, j]
     nothing = np.zeros(len(rows), bool), 0.0
+    base = classify_base_motion(rig, log)
     if rows.all():
-        is_stuck = column.any() and np.ptp(log.q[:, j]) > 0
+        is_moving = np.ptp(log.q[:, j]) > 0
+        design = build_design(rig, log, filtering, base)
+        is_stuck = is_moving and (column.any() or find_driven(design, list(design))[j])
         return (rows, float("inf")) if is_stuck else nothing
     logs = (log, log.part(np.flatnonzero(~rows)))
-    base = classify_base_motion(rig, log)
     every, fitted = (list(build_design(rig, one, filtering, base)) for one in logs)
     if not fitted or sum(block.b.size for block in fitted) < 3 * fitted[0].A.shape[2]:
         return nothing
