@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import HIGHEST_CUTOFF, Filtering, Flags
+from gimbal_pin.regression import HIGHEST_CUTOFF, Block, Design, Filtering, Flags
 from gimbal_pin.rig.rig import Rig
 
 LONGEST_INTERVAL = 0.2
@@ -18,6 +18,8 @@ SHORTEST_INTERVAL = 2e-5
 WRONG_UNIT = 20.0
 """Times the motor's limit, rms, that no torque is: a motor's short-time torque is some five times what it holds, and a
 torque in thousandths of its unit is a thousand times too large."""
+BALANCED_SHARE = 0.5
+"""Share of its largest term that the terms of a joint without a motor leave at most: URDFs are wrong by less."""
 NEGLIGIBLE_TORQUE = 1e-12
 """A torque of less, N m, is none: a millionth of a gram weighs as much a tenth of a millimetre beside its axis."""
 
@@ -50,7 +52,7 @@ def check_driven(place: str, joints: Sequence[str], torque: Array, moving: Flags
         place: What the error names.
         joints: Names of the joints.
         torque: Largest torque of each, N m, (n,).
-        moving: Whether it moves, (n,).
+        moving: Whether it moves and needs a motor for that, (n,).
     """
     silent = torque < NEGLIGIBLE_TORQUE
     if (moving & silent).any():
@@ -58,6 +60,19 @@ def check_driven(place: str, joints: Sequence[str], torque: Array, moving: Flags
         one = f"tau_{name} is zero all along, while {name} moves"
         what = "its torques are zero at every joint" if silent.all() else one
         raise DataError(place, what, "log what the drives report or were commanded, in N m")
+
+
+def find_driven(design: Design, blocks: Iterable[Block]) -> Flags:
+    """Return which of the joints with a torque of zero cannot move as they do without a motor, (n,).
+
+    The terms ``A_k x_k`` of a joint without a motor, x those of the URDF's bodies, balance each other: the weight of a
+    pendulum its inertia, say.
+    """
+    coefficients = design.mixing @ design.rig.phi
+    terms = [block.A[:, :, : len(coefficients)] * coefficients for block in blocks]
+    left = np.sum([np.sum(block.b**2, axis=0) for block in blocks], axis=0)
+    each = np.sum([np.sum(x**2, axis=0) for x in terms], axis=0)
+    return np.asarray(left > BALANCED_SHARE**2 * each.max(axis=1))
 
 
 def check_unit(rig: Rig, log: Log) -> None:

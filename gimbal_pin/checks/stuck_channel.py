@@ -10,6 +10,7 @@ import numpy as np
 
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.checks.record import Examined, Fault
+from gimbal_pin.checks.refusals import find_driven
 from gimbal_pin.checks.series import (
     JOINT_CHANNELS,
     WORDS,
@@ -58,8 +59,10 @@ def check_stuck_channel(rig: Rig, log: Log, filtering: Filtering) -> Examined | 
     """``x_k = x_{k-1}`` over a stretch in which the other channels say that x must change.
 
     Angle and rate deny each other: over the run, ``q - ∫ v dt`` travels further than over other windows of its length.
-    A torque is denied by the model that the other samples give: a motor that is switched off, or a drive at its limit,
-    holds its torque too, and the model agrees. Without a rate, an angle is stuck if it jumps when it is released.
+    A rate that is held where the angle moves evenly is coarse at most. A torque is denied by the model that the other
+    samples give, where that leaves the torque's quantum: a motor that is switched off, or a drive at its limit, holds
+    its torque too, and the model agrees; a joint without a motor has a torque of zero all along. Without a rate, an
+    angle is stuck if it jumps when it is released.
     """
     if log.t[-1] - log.t[0] < SHORTEST_JUDGED:
         return None
@@ -89,7 +92,7 @@ def check_stuck_channel(rig: Rig, log: Log, filtering: Filtering) -> Examined | 
     mend = f"check the {what} sensor's wiring, range and bus messages, and record again"
     if worst.channel == "tau" and not column.any():
         sentence = f"{joint}: the torque is zero all along while the joint moves{where}"
-        mend = "log what its drive reports; a joint without a motor cannot be diagnosed"
+        mend = "log what its drive reports"
     fault = Fault("stuck-channel", joint, sentence, figures, worst.loudness / LOUD, True, mend)
     return Examined(fault, () if bad.mean() > 0.5 else (log.part(np.flatnonzero(~bad)),))
 
@@ -102,17 +105,11 @@ def find_constant_channels(rig: Rig, log: Log, filtering: Filtering) -> Iterator
         }
         for name in ("q", "v"):
             if log.v is not None and constants[name].any():
-                yield HeldRows(
-                    name,
-                    j,
-                    *find_contradicted_runs(log, j, get_channels(log)[name][:, j], constants[name]),
-                )
+                yield HeldRows(name, j, *find_contradicted_runs(log, j, name, constants[name]))
         if log.v is None and constants["q"].any():
             yield HeldRows("q", j, *find_released_runs(log.q[:, j], constants["q"]))
         if "tau" in constants and constants["tau"].any():
-            yield HeldRows(
-                "tau", j, constants["tau"], compute_denial(rig, log, j, constants["tau"], filtering)
-            )
+            yield HeldRows("tau", j, *find_denied_runs(rig, log, j, constants["tau"], filtering))
 
 
 def find_constant_rows(column: Array, dt: float) -> Flags:
@@ -137,8 +134,12 @@ def iterate_runs(column: Array, rows: Flags) -> Iterator[tuple[int, int]]:
         yield from itertools.pairwise([begin, *cuts.tolist(), end])
 
 
-def find_contradicted_runs(log: Log, j: int, column: Array, rows: Flags) -> tuple[Flags, float]:
-    """Those runs over which ``q - ∫ v dt`` travels too far, (N,), and how far, over its usual travel."""
+def find_contradicted_runs(log: Log, j: int, name: str, rows: Flags) -> tuple[Flags, float]:
+    """Those runs over which ``q - ∫ v dt`` travels too far, (N,), and how far, over its usual travel.
+
+    A rate that is held has missed nothing where its joint turns evenly: one that changes by d over a time T bends the
+    angle by ``d T / 8``.
+    """
     from scipy.ndimage import median_filter
 
     assert log.v is not None
@@ -153,9 +154,14 @@ def find_contradicted_runs(log: Log, j: int, column: Array, rows: Flags) -> tupl
     )
     step = find_step(q)
     spread = SHARE * float(np.std(v)) * log.dt
+    quantum = find_step(log.v[:, j])
     out = np.zeros(len(rows), bool)
     loudness = 0.0
-    for begin, end in iterate_runs(column, rows):
+    for begin, end in iterate_runs(get_channels(log)[name][:, j], rows):
+        if name == "v":
+            bend = np.ptp(q[begin:end] - np.linspace(q[begin], q[end - 1], end - begin))
+            if bend <= step + quantum * (log.t[end - 1] - log.t[begin]) / 8:
+                continue
         travel = float(np.ptp(apart[begin:end]))
         # An angle that came there by a step rests on it until the next.
         least = UNSEEN_STEPS * max(step, abs(float(q[begin] - q[max(begin - 1, 0)])))
@@ -200,28 +206,52 @@ def find_released_runs(column: Array, rows: Flags) -> tuple[Flags, float]:
     return out, loudness
 
 
-def compute_denial(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering) -> float:
-    """Residual over the held rows under the model that the others give, over what it should be; 0 where that is little.
+def find_denied_runs(
+    rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering
+) -> tuple[Flags, float]:
+    """Runs over which the model that the others give leaves the torque's quantum, (N,), and its residual over them.
 
-    What it should be is the residual elsewhere and the model's own uncertainty there: a motor that was off while the
-    pendulum swung, and on only in slow motion, denies nothing.
+    The residual is taken over what it should be: the residual elsewhere and the model's own uncertainty there. A motor
+    that was off while the pendulum swung, and on only in slow motion, denies nothing; nor does a residual that as many
+    rows in sequence have elsewhere, or one that is little.
     """
-    if rows.all():
-        return float("inf") if np.ptp(log.q[:, j]) > 0 else 0.0
-    logs = (log, log.part(np.flatnonzero(~rows)))
+    assert log.tau is not None
+    column = log.tau[:, j]
+    nothing = np.zeros(len(rows), bool), 0.0
     base = classify_base_motion(rig, log)
+    if rows.all():
+        is_moving = np.ptp(log.q[:, j]) > 0
+        design = build_design(rig, log, filtering, base)
+        is_stuck = is_moving and (column.any() or find_driven(design, list(design))[j])
+        return (rows, float("inf")) if is_stuck else nothing
+    logs = (log, log.part(np.flatnonzero(~rows)))
     every, fitted = (list(build_design(rig, one, filtering, base)) for one in logs)
     if not fitted or sum(block.b.size for block in fitted) < 3 * fitted[0].A.shape[2]:
-        return 0.0
+        return nothing
     found = fit_weighted(fitted)
     parts = [(b.t, compute_residuals(b, found.theta)[:, j], b.b[:, j], b.A[:, j]) for b in every]
     t, error, torque, A = (np.concatenate(x) for x in zip(*parts))
     held = np.interp(t, log.t, rows.astype(float)) > 0.5
     if not held.any() or held.all() or not np.isfinite(found.covariance).all():
-        return 0.0
-    unsure = np.einsum("tk,kl,tl->t", A[held], found.covariance, A[held])
-    inside = np.sqrt(np.mean(error[held] ** 2))
+        return nothing
+    step = find_step(column)
+    unsure = np.einsum("tk,kl,tl->t", A[held], found.covariance, A[held]).mean()
     # A torque in coarse steps rests on one for long, and is off by up to half of it there.
-    coarse = find_step(log.tau[:, j]) / 2 if log.tau is not None else 0.0
-    expected = np.sqrt(compute_trimmed_rms(error[~held]) ** 2 + np.mean(unsure) + coarse**2)
-    return float(inside / max(expected, 1e-300)) if inside > SHARE * np.std(torque) else 0.0
+    usual = np.sqrt(compute_trimmed_rms(error[~held]) ** 2 + unsure + (step / 2) ** 2)
+    model = np.interp(log.t, t, torque - error)
+    denied = np.zeros(len(rows), bool)
+    for begin, end in iterate_runs(column, rows):
+        denied[begin:end] = np.ptp(model[begin:end]) > step + LOUD * usual
+    inside = error[np.interp(t, log.t, denied.astype(float)) > 0.5]
+    size = np.sqrt(np.mean(inside**2)) if len(inside) else 0.0
+    elsewhere = error[~held]
+    length = min(len(inside), len(elsewhere))
+    if size <= SHARE * np.std(torque) or size <= compute_largest_rms(elsewhere, length):
+        return nothing
+    return denied, float(size / max(usual, 1e-300))
+
+
+def compute_largest_rms(values: Array, length: int) -> float:
+    """Return the largest root mean square of so many values in sequence."""
+    total = np.cumsum(np.append(0.0, values**2))
+    return float(np.sqrt(np.max(total[length:] - total[:-length]) / length))

@@ -48,6 +48,20 @@ PART_TURN_COST = 3.0
 A part of the prior, chosen on the development logs."""
 ORDINARY = ("torque-bias", "armature")
 """Causes that are tried before all others."""
+MOTORS = (
+    "actuator-lag",
+    "armature",
+    "cogging",
+    "dead-zone",
+    "delay",
+    "joint-flexibility",
+    "load-dependent-friction",
+    "saturation",
+    "torque-bias",
+    "torque-gain",
+    "torque-ripple",
+)
+"""Causes of motors and gears, which a joint whose torque is zero all along has not."""
 DRAG_POWERS = (1.3, 1.5, 1.7, 1.85, 2.0, 2.25, 2.5, 3.0, 3.5)
 """Powers of the rate that are tried: beside one that is far off viscous friction turns negative."""
 PASSIVE = ("stribeck", "quadratic-drag")
@@ -185,7 +199,8 @@ def list_candidates(rig: Rig, joint: int, ranges: OperatingRange) -> list[Candid
     name = rig.joints[joint]
     candidates = list[Candidate]()
     for kind in CAUSES.values():
-        if not kind.of_joint or kind.is_stated(name, rig):
+        has_place = kind.of_joint and not (ranges.peak == 0.0 and kind.name in MOTORS)
+        if not has_place or kind.is_stated(name, rig):
             continue
         shapes = [x for x in _list_shapes(kind, name, ranges) if rig.n > 1 or not x.coupled]
         inverses = sum(1.0 / k for cause in shapes for k in cause.pieces)

@@ -149,7 +149,7 @@ def search_rows(
     explanation = _search(Search(problem, whitening, tuple(list_rig_changes(problem, platforms))))
     least = settings.material_share * problem.torque_rms
     for j in problem.joints:
-        if explanation.rest[j].left > least[j]:
+        if explanation.rest[j].left > least[j] and problem.ranges[j].peak > 0.0:
             explanation = _add_drive(explanation, j)
     return explanation
 

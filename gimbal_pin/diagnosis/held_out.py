@@ -112,7 +112,7 @@ def measure_held_out(problem: Problem, refitted: Solution, extended: Solution) -
     stated = zip(problem.target.T, problem.friction, problem.rig.friction)
     urdf = np.stack([target - columns @ values for target, columns, values in stated], axis=1)
     weight = rows.sample("weight")
-    level = np.maximum(np.std(problem.measured[is_shown], axis=0), 1e-300)
+    level = np.maximum(np.std(problem.scale[is_shown], axis=0), 1e-300)
     used = np.mean(weight[is_shown] ** 2, axis=0)
     joints = rows.rig.joints
 

@@ -65,7 +65,7 @@ def estimate_noise(problem: Problem, torque: Sequence[Array]) -> Whitening:
     for j in np.flatnonzero(rows.used).tolist():
         residual = _regress_on_everything(problem, base[j], torque, j)
         floor[j] = np.sqrt(np.mean(residual[rows.inner] ** 2) / rows.used[j])
-        predicted = problem.measured[:, j] - residual
+        predicted = problem.scale[:, j] - residual
         noise, form = (
             rows.estimate_spectrum(kept * x, j, frequencies) for x in (residual, predicted)
         )

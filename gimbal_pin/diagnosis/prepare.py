@@ -183,7 +183,7 @@ def check_torque_moves_joints(explanation: Explanation, prepared: PreparedLogs) 
     noisy = list[int]()
     for j in problem.joints:
         columns = explanation.found.first.base[j][rows.inner]
-        torque = problem.measured[rows.inner, j]
+        torque = problem.scale[rows.inner, j]
         coefficients, _, rank, _ = np.linalg.lstsq(columns, torque, rcond=1e-10)
         power = float(np.sum((torque - columns @ coefficients) ** 2))
         explained = (float(torque @ torque) - power) / max(rank, 1)

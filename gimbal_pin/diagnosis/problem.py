@@ -22,7 +22,7 @@ from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.regression import find_base_columns
+from gimbal_pin.regression import INERTIA_SAMPLES, find_base_columns, free_scale
 from gimbal_pin.rig.rig import Rig
 
 OWN_COLUMNS = 3
@@ -33,8 +33,6 @@ FIRST_NOISE = 0.05
 """Noise that the first fit assumes, as a share of the torque's rms: a start, which the estimate replaces."""
 FELT_WEIGHT = 1e-6
 """Gravity torque, as a share of the largest, below which it is rounding."""
-INERTIA_SAMPLES = 50
-"""Poses over which a joint's inertia is averaged: more take longer and change the mean little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +49,8 @@ class Problem:
         friction: Rows of dry and viscous friction at each joint, n of (N, 2).
         target: Rows of the measured torque less `known`, (N, n).
         measured: Rows of the measured torque, (N, n).
+        scale: Rows of the torque beside which errors are small: the measured one; where there is no motor, and all
+            terms add up to nothing, the largest term of the URDF's bodies, (N, n).
         urdf: Base parameters of the URDF, (b,).
         precision: Prior precision of a base parameter's difference from it, (b,).
         ranges: What the logs show of each joint.
@@ -67,6 +67,7 @@ class Problem:
     friction: tuple[Array, ...]
     target: Array
     measured: Array
+    scale: Array
     urdf: Array
     precision: Array
     ranges: tuple[OperatingRange, ...]
@@ -105,8 +106,8 @@ class Problem:
 
     @property
     def torque_rms(self) -> Array:
-        """Rms of the measured torque, N m, (n,)."""
-        return self.compute_rms(self.measured[self.rows.inner])
+        """Rms of the torque beside which errors are small, N m, (n,)."""
+        return self.compute_rms(self.scale[self.rows.inner])
 
     def sample(self, stretch: int, joint: int, torque: Array) -> Sample:
         """Return what a joint's effects read along a stretch; `torque`: the model's own, N m, (m, n)."""
@@ -147,6 +148,13 @@ def build_problem(
         Y @ urdf + rig.armature * part.samples.a for Y, part in zip(regressor, rows.stretches)
     )
     tau = [part.samples.tau for part in rows.stretches]
+    measured = _project_joints(rows, tau)
+    q = rows.join("q")
+    columns = [[Y[:, j] for Y in regressor] for j in range(rig.n)]
+    for j in np.flatnonzero(~measured.any(axis=0)).tolist():
+        left = [free_scale(rig, reduction, j, q, x[:, j]) for x in known]
+        columns[j] = [x + y for x, y in zip(columns[j], left)]
+    rigid = tuple(rows.project(x, j) for j, x in enumerate(columns))
     motion = [
         [np.column_stack([part.direction[:, j], part.samples.v[:, j]]) for part in rows.stretches]
         for j in range(rig.n)
@@ -157,7 +165,6 @@ def build_problem(
     )
     stands = all(platform is None for platform in platforms)
     pull = np.max([np.abs(x).max(axis=0) for x in weight], axis=0)
-    q = rows.join("q")
     poses = q[:: max(1, len(q) // INERTIA_SAMPLES)]
     return Problem(
         rows=rows,
@@ -165,10 +172,11 @@ def build_problem(
         settings=settings,
         regressor=regressor,
         known=known,
-        rigid=tuple(rows.project([Y[:, j] for Y in regressor], j) for j in range(rig.n)),
+        rigid=rigid,
         friction=tuple(rows.project(motion[j], j) for j in range(rig.n)),
         target=_project_joints(rows, [x - y for x, y in zip(tau, known)]),
-        measured=_project_joints(rows, tau),
+        measured=measured,
+        scale=np.where(measured.any(axis=0), measured, find_largest_terms(rigid, urdf)),
         urdf=urdf,
         precision=_compute_prior_precision(rig, reduction, urdf, settings),
         ranges=tuple(
@@ -183,6 +191,12 @@ def build_problem(
         ),
         weight=weight,
     )
+
+
+def find_largest_terms(columns: Sequence[Array], coefficients: Array) -> Array:
+    """Return at each joint the largest of the terms ``A_k x_k`` of columns (N, k), rms, n of them, (N, n)."""
+    terms = [A * coefficients for A in columns]
+    return np.stack([x[:, np.argmax(np.sum(x**2, axis=0))] for x in terms], axis=1)
 
 
 def _project_joints(rows: Rows, signals: Sequence[Array]) -> Array:

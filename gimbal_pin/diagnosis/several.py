@@ -127,7 +127,7 @@ def compare_logs(problem: Problem, solution: Solution, floor: Array) -> Disagree
         [_compute_rms(y - X @ common, np.ones_like(floor)) for X, y in zip(columns, fitted)]
     )
     moved = excess * np.array(errors)
-    levels = [np.sqrt(np.mean(problem.measured[number == log] ** 2, axis=0)) for log in logs]
+    levels = [np.sqrt(np.mean(problem.scale[number == log] ** 2, axis=0)) for log in logs]
     return Disagreement(logs, moved, excess, moved / np.maximum(levels, 1e-12))
 
 

@@ -84,7 +84,7 @@ def compute_detection_limits(explanation: Explanation) -> dict[str, float]:
     for j, joint in enumerate(problem.rig.joints):
         count = len(list_candidates(problem.rig, j, problem.ranges[j]))
         gain = compute_sure_gain(settings.gain_nats + log(count), search.least_deviations)
-        white = search.whitening.apply(problem.rows, problem.measured[:, [j]], j)
+        white = search.whitening.apply(problem.rows, problem.scale[:, [j]], j)
         power = float(fit.weight[j] * np.sum(white**2))
         share = compute_size(gain, power, max(float(fit.rows[:, j].sum()), 1.0))
         limits[joint] = max(settings.material_share, share) * float(problem.torque_rms[j])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks import check_assignment, check_driven, check_sampling
+from gimbal_pin.checks import check_assignment, check_sampling
 from gimbal_pin.dynamics.model import Model, build_friction_effects
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Effect
@@ -18,7 +18,7 @@ from gimbal_pin.identification.fitting import assemble_result, to_model
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.identification.payload_change import payload_directions
 from gimbal_pin.identification.payloads import get_known_parameters
-from gimbal_pin.identification.requirements import LEAST_MOVING, find_unseen
+from gimbal_pin.identification.requirements import check_motors, find_unseen
 from gimbal_pin.identification.validation import measure_accuracy
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
@@ -344,8 +344,7 @@ class Online:
         if estimate is None:
             what = f"has given {learned.count} rows so far; they cannot show any of"
             raise DataError(memory.name, what, "go on moving every joint", hidden)
-        is_moving = np.mean(block.share**2, axis=0) > LEAST_MOVING
-        check_driven(memory.name, self.joints, np.abs(block.b).max(axis=0), is_moving)
+        check_motors(memory.name, self.design, [block])
         if hidden:
             raise DataError(
                 memory.name,

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.checks.refusals import NEGLIGIBLE_TORQUE, check_driven
+from gimbal_pin.checks.refusals import NEGLIGIBLE_TORQUE, check_driven, find_driven
 from gimbal_pin.errors import DataError
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block, DesignBlocks, Estimate, compute_settling_time
+from gimbal_pin.regression import Block, Design, DesignBlocks, Estimate, compute_settling_time
 
 LEAST_MOVING = 0.1
 """Share of a joint's samples under which the error says that the others were masked out."""
@@ -30,8 +30,20 @@ def check_enough(blocks: DesignBlocks) -> None:
         raise DataError(
             name, what, f"record at least {max(need * 2, 10):.0f} s of motion", design.names
         )
+    check_motors(name, design, blocks)
+
+
+def check_motors(name: str, design: Design, blocks: Sequence[Block]) -> None:
+    """Raise `DataError` if the torques of all joints are zero, or that of one which needs a motor to move as it does.
+
+    Another whose torque is zero all along has none, and its rows ``0 = A theta`` are as good as any.
+    """
     torque = np.max([np.abs(block.b).max(axis=0, initial=0.0) for block in blocks], axis=0)
-    check_driven(name, design.rig.joints, torque, compute_used_shares(blocks) > LEAST_MOVING)
+    balanced = [j for j in design.undriven if not find_driven(design, blocks)[j]]
+    torque[list(design.undriven)] = 0.0
+    is_moving = compute_used_shares(blocks) > LEAST_MOVING
+    is_moving[balanced] = False
+    check_driven(name, design.rig.joints, torque, is_moving)
 
 
 def check_seen(

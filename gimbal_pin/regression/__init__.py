@@ -21,6 +21,7 @@ from gimbal_pin.regression.covariance import compute_score_covariance as compute
 from gimbal_pin.regression.covariance import fit_residual_noise as fit_residual_noise
 from gimbal_pin.regression.covariance import join_columns as join_columns
 from gimbal_pin.regression.design import CHUNK_SAMPLES as CHUNK_SAMPLES
+from gimbal_pin.regression.design import INERTIA_SAMPLES as INERTIA_SAMPLES
 from gimbal_pin.regression.design import MASK_TAPER as MASK_TAPER
 from gimbal_pin.regression.design import SMOOTHER_MEMORY as SMOOTHER_MEMORY
 from gimbal_pin.regression.design import Block as Block
@@ -36,6 +37,7 @@ from gimbal_pin.regression.design import find_base_columns as find_base_columns
 from gimbal_pin.regression.design import find_camera_body as find_camera_body
 from gimbal_pin.regression.design import find_slow_samples as find_slow_samples
 from gimbal_pin.regression.design import find_standstill as find_standstill
+from gimbal_pin.regression.design import free_scale as free_scale
 from gimbal_pin.regression.design import get_design as get_design
 from gimbal_pin.regression.design import map_phi_to_base as map_phi_to_base
 from gimbal_pin.regression.discrepancy import FORM_ERROR as FORM_ERROR

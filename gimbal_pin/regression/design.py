@@ -16,6 +16,7 @@ from tqdm import tqdm
 from gimbal_pin.dynamics.reduction import Reduction, list_units
 from gimbal_pin.dynamics.regressor import (
     compute_gravity,
+    compute_inertia_regressor,
     compute_regressor,
     compute_rnea,
     name_columns,
@@ -53,6 +54,10 @@ DIRECTION_MEMORY = 0.2
 """The same of the direction's own low-pass."""
 CHUNK_SAMPLES = 4096
 """Decimated samples whose columns are held at once."""
+
+
+INERTIA_SAMPLES = 50
+"""Poses over which a joint's inertia is averaged: more take longer and change the mean little."""
 
 
 def find_standstill(channels: Samples, filtering: Filtering) -> Flags:
@@ -121,6 +126,27 @@ def find_base_columns(rig: Rig, reduction: Reduction) -> Array:
     names, places = name_columns(rig)
     index = dict(zip(names, places))
     return np.array([index[reduction.names[j]] for j in reduction.independent])
+
+
+def free_scale(rig: Rig, reduction: Reduction, joint: int, q: Array, left: Array) -> Array:
+    """Return what is added to the columns of the rows ``0 = A x`` of a joint without a motor, (m, k).
+
+    As they stand, x = 0 fits them best, and noise of the acceleration draws x there. What is wrong with them is an
+    acceleration, ``A x / c x`` with the joint's inertia ``c x``: linearised at the URDF's x₀,
+    ``(A - A x₀ c / c x₀) x = -A x₀``.
+
+    Args:
+        rig: The rig.
+        reduction: Its base parameters.
+        joint: The joint.
+        q: Angles, rad, (any, n).
+        left: ``A x₀``, N m, (m,).
+    """
+    places = find_base_columns(rig, reduction)
+    poses = q[:: max(1, len(q) // INERTIA_SAMPLES)]
+    inertia = compute_inertia_regressor(rig, poses, joint, places)[:, joint].mean(axis=0)
+    urdf = reduction.mixing @ rig.phi[name_columns(rig)[1]]
+    return np.asarray(np.outer(-left, inertia / (inertia @ urdf)))
 
 
 def map_phi_to_base(rig: Rig, reduction: Reduction) -> Array:
@@ -343,7 +369,20 @@ class Design:
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
         t, q, v = (x[way.rows].copy() for x in (channels.t, channels.q, channels.v))
         rest, given = (way.filter_torque(x) for x in (channels.tau - known, known))
+        urdf = self.mixing @ self.rig.phi
+        bodies = slice(len(urdf))
+        for j in self.undriven:
+            left = A[:, j, bodies] @ urdf
+            A[:, j, bodies] += free_scale(self.rig, self.reduction, j, channels.q, left)
+            rest[:, j] -= left
         return Block(t, A, rest, q, v, share, slope, given)
+
+    @property
+    def undriven(self) -> tuple[int, ...]:
+        """Numbers of the joints without a motor: their torque is zero all along, in every log."""
+        logs = [log.tau for log in self.logs if log.tau is not None]
+        driven = np.any([tau.any(axis=0) for tau in logs], axis=0)
+        return tuple(np.flatnonzero(~driven).tolist()) if logs and driven.any() else ()
 
     def compute_rigid_columns(self, channels: Samples) -> Array:
         """Base columns of the regressor, (m, n, b)."""

@@ -304,6 +304,23 @@ def test_a_motor_that_is_off_is_not_stuck() -> None:
     assert is_clean("stuck-channel", rig, Log("rests", rig.joints, t, q, v, tau))
 
 
+def test_a_coarse_rate_of_an_even_motion_is_not_stuck() -> None:
+    """It rests on a step that is off by more than half of one, as long as the joint turns evenly."""
+    rig = bundled("turret")
+    t = np.arange(0.0, 40.0, 0.01)
+    is_even = t < 20.0
+    swing = 0.2 * (1 - np.cos(1.5 * (t - 20.0))) * ~is_even
+    ramps = gaussian_filter1d(0.12 * np.abs(t % 10.0 - 5.0), 20, mode="nearest")
+    q = np.column_stack([ramps + swing, 0.5 * np.sin(1.1 * t)])
+    v = np.gradient(q, t, axis=0)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(q.shape)
+    tau = nominal(rig).inverse(q, v, np.gradient(v, t, axis=0)) + noise
+    off = 0.04 * np.sign(v[:, 0]) * is_even
+    v[:, 0] = 0.03 * np.round((v[:, 0] + off) / 0.03)
+    q = 7.67e-4 * np.round(q / 7.67e-4)
+    assert is_clean("stuck-channel", rig, Log("coarse", rig.joints, t, q, v, tau))
+
+
 @pytest.mark.parametrize(("bits", "jitter"), [(19, 0.05), (16, 0.05), (19, 0.02)])
 def test_stamps_that_jitter_are_no_noise_of_the_encoders(bits: int, jitter: float) -> None:
     """At 100 Hz 5 % of a period are worth 9 bits of an encoder of 19; the angles are true and the stamps are not."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import DataError, LogError
+from gimbal_pin.log import signals
 from gimbal_pin.log.io.tables import (
     ColumnTable,
     decode_columns,
@@ -57,6 +58,8 @@ recorder loses, or repeats before it begins, far less."""
 
 LEAST_TRAVEL = 0.02
 """Least travel of a joint that can be judged, rad or m."""
+NOISE_RATIO = 2.0
+"""A rate of less than so many times its own noise is noise: of joints that move it is ten times and more."""
 MIN_REST_SECONDS = 2.0
 """Length of a log, s, from which a joint without motion counts as at rest; no verdict is possible on a shorter one."""
 
@@ -159,12 +162,15 @@ def find_held_joints(logs: Sequence[Log]) -> dict[str, float]:
 
 
 def _is_at_rest(log: Log, joint: int) -> bool:
-    """Return whether neither a joint's angle nor the integral of its logged rate travels."""
+    """Return whether neither a joint's angle nor the integral of its logged rate travels, but for the rate's noise."""
     if len(log) * log.dt < MIN_REST_SECONDS or np.ptp(log.q[:, joint]) >= LEAST_TRAVEL:
         return False
     if log.v is None:
         return True
     rate = log.v[:, joint] - np.median(log.v[:, joint])
+    # Differences of an angle that flickers between two steps: their sum wanders with every sample that is lost.
+    if np.std(rate) < NOISE_RATIO * float(signals.noise_std(log.v[:, [joint]])[0]):
+        return True
     return float(np.ptp(np.cumsum(rate)) * log.dt) < LEAST_TRAVEL
 
 
