@@ -5,11 +5,12 @@ Columns that depend on load read the model's own torque, never the measured one,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isnan, log, pi
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from gimbal_pin.diagnosis.rows import FADE_SHARE
@@ -132,8 +133,8 @@ class Candidate:
             return False
         if self.name == "joint-flexibility":
             return RESONANCE_SHARE[0] < coefficients[0] < RESONANCE_SHARE[1]
-        if self.name == "torque-ripple":
-            return bool(np.hypot(*coefficients) < LARGEST_RIPPLE)
+        if self.is_harmonic:
+            return self.name != "torque-ripple" or bool(np.hypot(*coefficients) < LARGEST_RIPPLE)
         if not isinstance(self.cause, Effect):
             return True
         # A parameter that is not known may have any value.
@@ -156,20 +157,28 @@ def compute_resonance(torque: Array, dt: float, hertz: float) -> Array:
     return np.asarray(fft.irfft(spectrum * gain, length)[: len(torque)])
 
 
-def compute_columns(candidates: Sequence[Candidate], sample: Sample, dt: float) -> Array:
-    """Return the columns of candidates at one joint side by side, (m, all k)."""
-    columns = list[Array]()
-    if any(candidate.is_harmonic for candidate in candidates):
-        octaves = 2.0 ** np.arange(np.ceil(np.log2(max(HARMONICS.values()) + 1)))
-        sample = sample._replace(turns=np.exp(1j * octaves[:, None] * np.asarray(sample.q)))
+def compute_columns(candidates: Iterable[Candidate], sample: Sample, dt: float) -> Iterator[Array]:
+    """Return the columns of candidates at one joint one after the other, (m,) each."""
+    q = np.asarray(sample.q)
+    order = 0.0
+    wave = np.ones(q.shape, complex)
+    steps = dict[float, NDArray[np.complex128]]()
     for candidate in candidates:
         cause = candidate.cause
-        if isinstance(cause, Effect):
-            columns += [np.asarray(x) for x in cause.basis(sample)]
+        if isinstance(cause, Harmonic):
+            # ``exp(ikq)`` from the harmonic before, a fifth of the work of a cosine and a sine.
+            step = cause.harmonic[0] - order
+            if step not in steps:
+                steps[step] = np.exp(1j * step * q)
+            order += step
+            wave = wave * steps[step]
+            turned = cause.carrier(sample) * wave
+            yield turned.real
+            yield turned.imag
+        elif isinstance(cause, Effect):
+            yield from (np.asarray(x) for x in cause.basis(sample))
         elif isinstance(cause, JointFlexibility):
-            columns.append(compute_resonance(np.asarray(sample.tau), dt, cause.frequency))
-    # Signals stand one after the other in memory: each is filtered by itself.
-    return np.array(columns).T
+            yield compute_resonance(np.asarray(sample.tau), dt, cause.frequency)
 
 
 def count_columns(candidate: Candidate) -> int:

@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtr, stdtrit
 
 from gimbal_pin.diagnosis.candidates import REFINEMENTS, Candidate, list_candidates, vary_shape
 from gimbal_pin.diagnosis.library import (
@@ -143,8 +142,8 @@ class Search:
     def count_deviations(self, places: int) -> float:
         """Return the standard errors that a gain must have which was looked for at some places."""
         folds = len(self.problem.rows.folds)
-        tail = float(norm.sf(self.problem.settings.clear_deviations)) / places
-        return float(student.isf(tail, max(folds - 1, 2)))
+        tail = ndtr(-self.problem.settings.clear_deviations) / places
+        return -float(stdtrit(max(folds - 1, 2), tail))
 
     def is_clear(self, hit: Hit, nats: float) -> bool:
         """Return whether a gain is above its prior's cost and its own error."""
