@@ -58,9 +58,9 @@ def project_candidates(
         for s, part in enumerate(problem.rows.stretches)
     ]
     each = np.split(np.concatenate(parts), np.cumsum(widths)[:-1], axis=1)
-    new = {one.cause: x for one, x in zip(missing, each)}
-    known.update((one.cause, new[one.cause]) for one in missing if not one.reads_torque)
-    return np.hstack([new.get(one.cause, known.get(one.cause)) for one in candidates])
+    own = known | {one.cause: x for one, x in zip(missing, each)}
+    known.update((one.cause, own[one.cause]) for one in missing if not one.reads_torque)
+    return np.hstack([own[one.cause] for one in candidates])
 
 
 def build_joint_columns(problem: Problem, candidate: Candidate, torque: Sequence[Array]) -> Columns:
