@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, isnan, log, pi
 
 import numpy as np
@@ -96,12 +97,12 @@ class Candidate:
         """The joint's name, or "rig"."""
         return self.cause.place
 
-    @property
+    @cached_property
     def kind(self) -> tuple[str, str]:
         """Name and place: all that its shapes share."""
         return self.name, self.place
 
-    @property
+    @cached_property
     def is_harmonic(self) -> bool:
         """True if it may be there several times, with other numbers of periods per turn."""
         return isinstance(self.cause, Harmonic)
@@ -116,7 +117,7 @@ class Candidate:
         """True if its columns read the model's own torque."""
         return (isinstance(self.cause, Effect) and self.cause.loaded) or self.name in DRIVES
 
-    @property
+    @cached_property
     def form(self) -> tuple[str, ...]:
         """Its kind and the shapes along which it is refined: of a slack spring the ends that come taut."""
         ends = self.cause.list_ends() if isinstance(self.cause, CableSpring) else ()

@@ -10,7 +10,7 @@ import numpy as np
 from gimbal_pin.diagnosis.explanation import Explanation
 from gimbal_pin.diagnosis.prepare import PreparedLogs
 from gimbal_pin.diagnosis.result import Diagnosis
-from gimbal_pin.diagnosis.uncertainty import compute_covariance, compute_white_covariance
+from gimbal_pin.diagnosis.uncertainty import compute_white_covariance
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.identification import (
@@ -35,7 +35,7 @@ def compute_base_difference(explanation: Explanation, model: Model) -> BaseDiffe
         rig=problem.rig,
         reduction=problem.reduction,
         change=model.estimated.theta[: problem.base_count] - problem.urdf,
-        covariance=compute_covariance(search, explanation.found.final)[own],
+        covariance=explanation.covariance[own],
         weighting=compute_white_covariance(explanation.found.final.fit)[own],
     )
 

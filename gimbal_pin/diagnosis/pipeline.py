@@ -128,7 +128,8 @@ def describe_explanation(
     verdict = choose_verdict(findings, explanation.rest)
     if prepared.makes_physics_unreliable or (prepared.hides_inertia() and not stated):
         verdict = "data"
-    after = build_model(problem, extended, stated, compute_covariance(search, extended))
+    covariance = explanation.covariance if is_final else compute_covariance(search, extended)
+    after = build_model(problem, extended, stated, covariance)
     assert after.estimated is not None
     diagnosis = Diagnosis(
         rig=rig.name,

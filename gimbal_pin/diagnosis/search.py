@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
@@ -101,7 +102,7 @@ class Hit:
     by_fold: Array
     coefficients: Array
 
-    @property
+    @cached_property
     def gain(self) -> float:
         """Held-out gain D, nats."""
         return float(self.by_fold.sum())
@@ -304,23 +305,22 @@ class Search:
     ) -> list[Hit]:
         """Return the gains of candidates that are not in a model, differ from it and are admissible."""
         settings = self.problem.settings
+        friction: Array = np.zeros((len(candidates), 0))
+        if (joint := candidates[0].joint) is not None:
+            own = self.problem.get_own_columns(joint)
+            friction = gains.beside[:, own][:, :2] / settings.clear_deviations
         hits = list[Hit]()
-        for place, candidate in enumerate(candidates):
+        for candidate, left, by_fold, coefficients, beside in zip(
+            candidates, gains.remaining, gains.by_fold, gains.coefficients, friction
+        ):
             # A change of bodies is a part of the rigid columns, told from them by their prior alone.
-            differs = (
-                gains.remaining[place] >= settings.min_left_share or candidate.cause.of_given_model
-            )
+            differs = left >= settings.min_left_share or candidate.cause.of_given_model
             # A harmonic may come again with other periods.
-            is_new = candidate not in solution.accepted and (
-                candidate.is_harmonic or not solution.has_kind(candidate)
+            is_new = not solution.has_kind(candidate) or (
+                candidate.is_harmonic and candidate not in solution.accepted
             )
-            friction: Array = np.zeros(0)
-            if candidate.joint is not None:
-                own = self.problem.get_own_columns(candidate.joint)
-                friction = gains.beside[place, own][:2] / settings.clear_deviations
-            coefficients = gains.coefficients[place]
-            if differs and is_new and candidate.is_admissible(coefficients, friction):
-                hits.append(Hit(candidate, gains.by_fold[place], coefficients))
+            if differs and is_new and candidate.is_admissible(coefficients, beside):
+                hits.append(Hit(candidate, by_fold, coefficients))
         return hits
 
     def refine(self, solution: Solution, hits: Sequence[Hit], count: int = REFINED) -> list[Hit]:
@@ -337,7 +337,8 @@ class Search:
         if best.candidate.is_harmonic:
             return best
         cost = self.problem.settings.kept_nats
-        forms = [hit for hit in hits if hit.candidate.form == best.candidate.form]
+        form = best.candidate.form
+        forms = [hit for hit in hits if hit.candidate.form == form]
         return max(forms, key=lambda hit: hit.score - cost * len(hit.coefficients))
 
     def bisect(self, solution: Solution, hit: Hit) -> Hit:
