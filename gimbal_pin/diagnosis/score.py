@@ -193,12 +193,22 @@ class BlockFit:
         """``B_jk' e_jk``, n of (K, p_j)."""
         return [_multiply(B, self.errors[..., j]) for j, B in enumerate(self.columns)]
 
-    @property
+    @cached_property
+    def _sides(self) -> list[Array]:
+        """Each joint's columns, its torque and its held-out errors, n of (K, p_j + 2, r)."""
+        return [
+            np.concatenate([B, self._targets[..., [j]], self.errors[..., [j]]], axis=-1)
+            .swapaxes(1, 2)
+            .copy()
+            for j, B in enumerate(self.columns)
+        ]
+
+    @cached_property
     def squared_errors(self) -> Array:
         """Squared held-out errors, (K, n)."""
         return np.asarray(np.sum(self.errors**2, axis=1))
 
-    @property
+    @cached_property
     def prior_squares(self) -> float:
         """``θ' R θ`` of the fit to all folds."""
         return float(self.prior @ self.solutions[-1] ** 2)
@@ -258,10 +268,7 @@ class BlockFit:
         weighted = np.zeros((folds, len(at) + 1, groups, width))
         gram = np.zeros((folds, groups, width, width))
         for j, X in pack.columns.items():
-            sides = np.concatenate(
-                [self.columns[j], self._targets[..., [j]], self.errors[..., [j]]], axis=-1
-            )
-            products[j] = (sides.swapaxes(1, 2) @ X).reshape(folds, -1, groups, width)
+            products[j] = (self._sides[j] @ X).reshape(folds, -1, groups, width)
             into = np.append(np.searchsorted(at, self.places[j]), len(at))
             weighted[:, into] += self.weight[j] * products[j][:, :-1]
             gram += self.weight[j] * pack.grams[j]

@@ -83,9 +83,10 @@ class Solution:
             places[self.get_places(cause, problem)] = True
         return places
 
-    def has_kind(self, candidate: Candidate) -> bool:
-        """Return whether it has the cause at the same place, with any shape."""
-        return any(candidate.kind == other.kind for other in self.accepted)
+    @cached_property
+    def kinds(self) -> set[tuple[str, str]]:
+        """Names and places of its causes."""
+        return {cause.kind for cause in self.accepted}
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,7 @@ class Hit:
     @cached_property
     def gain(self) -> float:
         """Held-out gain D, nats."""
-        return float(self.by_fold.sum())
+        return float(np.add.reduce(self.by_fold))
 
     @property
     def score(self) -> float:
@@ -316,7 +317,7 @@ class Search:
             # A change of bodies is a part of the rigid columns, told from them by their prior alone.
             differs = left >= settings.min_left_share or candidate.cause.of_given_model
             # A harmonic may come again with other periods.
-            is_new = not solution.has_kind(candidate) or (
+            is_new = candidate.kind not in solution.kinds or (
                 candidate.is_harmonic and candidate not in solution.accepted
             )
             if differs and is_new and candidate.is_admissible(coefficients, beside):
@@ -456,7 +457,7 @@ def _compute_needed_torque(
     """Return the torque that a cause must explain at a joint, N m rms."""
     settings = problem.settings
     least = settings.material_share * float(problem.torque_rms[joint])
-    if solution.has_kind(candidate):
+    if candidate.kind in solution.kinds:
         return settings.harmonic_share * least
     if all(other.joint != joint for other in solution.accepted):
         return least
