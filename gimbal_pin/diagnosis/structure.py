@@ -87,8 +87,8 @@ def bump(x: Array, count: int) -> Array:
 
 def turn(angle: Array, count: int) -> Array:
     """Return cosines and sines of the first multiples of an angle, (2 count, m)."""
-    phase = np.arange(1, count + 1)[:, None] * angle
-    return np.vstack([np.cos(phase), np.sin(phase)])
+    waves = np.cumprod(np.broadcast_to(np.exp(1j * angle), (count, len(angle))), axis=0)
+    return np.vstack([waves.real, waves.imag])
 
 
 def cross(first: Array, *second: Array | float) -> Array:
