@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -31,8 +32,10 @@ from gimbal_pin.diagnosis.search import (
     sum_squares_by_fold,
 )
 from gimbal_pin.diagnosis.settings import Settings
+from gimbal_pin.diagnosis.uncertainty import compute_covariance
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import BaseTilt
+from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import BaseMotion, Platform
 from gimbal_pin.rig.rig import Rig
 
@@ -60,6 +63,11 @@ class Explanation:
     mount: Mount | None = None
     commands: tuple[Drive, ...] = ()
     upright: Solution | None = None
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the final model's coefficients."""
+        return compute_covariance(self.search, self.found.final)
 
     @property
     def worth(self) -> float:

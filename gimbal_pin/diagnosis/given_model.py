@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gimbal_pin.diagnosis.explanation import Explanation
-from gimbal_pin.diagnosis.prepare import PreparedLogs
-from gimbal_pin.diagnosis.result import Diagnosis
-from gimbal_pin.diagnosis.uncertainty import compute_covariance, compute_white_covariance
+from gimbal_pin.diagnosis.uncertainty import compute_white_covariance
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.identification import (
@@ -20,6 +19,10 @@ from gimbal_pin.identification import (
     state_payload,
 )
 from gimbal_pin.identification.given_model import describe_friction, describe_inertia
+
+if TYPE_CHECKING:
+    from gimbal_pin.diagnosis.prepare import PreparedLogs
+    from gimbal_pin.diagnosis.result import Diagnosis
 
 
 def compute_base_difference(explanation: Explanation, model: Model) -> BaseDifference:
@@ -35,59 +38,52 @@ def compute_base_difference(explanation: Explanation, model: Model) -> BaseDiffe
         rig=problem.rig,
         reduction=problem.reduction,
         change=model.estimated.theta[: problem.base_count] - problem.urdf,
-        covariance=compute_covariance(search, explanation.found.final)[own],
+        covariance=explanation.covariance[own],
         weighting=compute_white_covariance(explanation.found.final.fit)[own],
     )
 
 
-def compare_given_model(diagnosis: Diagnosis, prepared: PreparedLogs) -> Diagnosis:
-    """Add notes on what sets the given model apart from the refitted one."""
-    if diagnosis.explanation is None:
-        return diagnosis
-    notes = [
-        *_describe_inertias(diagnosis, diagnosis.explanation, prepared),
-        describe_friction(diagnosis.before, diagnosis.unexplained),
-    ]
-    return replace(diagnosis, notes=(*diagnosis.notes, *(note for note in notes if note)))
-
-
-def _describe_inertias(
+def compare_given_model(
     diagnosis: Diagnosis, explanation: Explanation, prepared: PreparedLogs
-) -> Iterator[str | None]:
-    """Yield what is said of ``mean over poses of M_jj`` at each joint whose torque is explained."""
+) -> Iterator[str]:
+    """Yield notes on what sets the given model apart from the refitted one.
+
+    Of inertias it is ``mean over poses of M_jj`` at each joint whose torque is explained.
+    """
     difference = compute_base_difference(explanation, diagnosis.after)
     problem = explanation.search.problem
     rotors = problem.rig.armature.tolist()
     for joint, row, rotor in zip(problem.rig.joints, problem.inertia, rotors):
         if joint in diagnosis.unexplained or prepared.hides_inertia(joint):
             continue
+        given = float(row @ problem.urdf) + rotor
+        change = float(row @ difference.change)
+        std = float(np.sqrt(row @ difference.covariance @ row))
+        if describe_inertia(joint, given, change, std) is None:
+            continue
         imitators = [
             one.cause
             for one in diagnosis.untestable
             if one.joint == joint and CAUSES[one.cause].like_inertia
         ]
-        yield describe_inertia(
-            joint,
-            given=float(row @ problem.urdf) + rotor,
-            change=float(row @ difference.change),
-            std=float(np.sqrt(row @ difference.covariance @ row)),
-            imitators=imitators,
-        )
+        yield describe_inertia(joint, given, change, std, imitators) or ""
+    friction = describe_friction(diagnosis.before, diagnosis.unexplained)
+    if friction is not None:
+        yield friction
 
 
-def state_payload_with_causes(diagnosis: Diagnosis, mass: float | None) -> PayloadStatement:
-    """State place, mass and balance of the payload beside the found causes; nothing of spoilt logs.
+def state_payload_with_causes(
+    explanation: Explanation, model: Model, mass: float | None
+) -> PayloadStatement:
+    """State place, mass and balance of the payload beside the found causes.
 
     `identify`, whose equations lack the causes that read the torque, states them of its own fit.
 
     Args:
-        diagnosis: The diagnosis.
+        explanation: The models.
+        model: The extended model.
         mass: Mass of the payload where it was weighed, kg.
     """
-    if diagnosis.explanation is None:
-        return PayloadStatement()
-    difference = compute_base_difference(diagnosis.explanation, diagnosis.after)
-    before, after = (
-        given_beta(rig, difference.reduction) for rig in (difference.rig, diagnosis.after.rig)
-    )
+    difference = compute_base_difference(explanation, model)
+    before, after = (given_beta(rig, difference.reduction) for rig in (difference.rig, model.rig))
     return state_payload(replace(difference, change=after - before), mass)

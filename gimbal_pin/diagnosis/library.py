@@ -39,10 +39,10 @@ class Shelf:
     torque: Array
 
 
-def compute_torques(
+def project_candidates(
     problem: Problem, candidates: Sequence[Candidate], joint: int, torque: Sequence[Array]
-) -> tuple[Array, ...]:
-    """Return the columns of candidates at a joint along each stretch, (m, all k).
+) -> Array:
+    """Return the rows of candidates at a joint, (N, all k); columns that do not read the torque are kept.
 
     Args:
         problem: The rows.
@@ -50,17 +50,17 @@ def compute_torques(
         joint: The joint.
         torque: The model's own torque along each stretch, N m, (m, n).
     """
-    return tuple(
-        compute_columns(candidates, problem.sample(s, joint, torque[s]), part.dt)
+    known = problem.projected
+    missing = [one for one in candidates if one.reads_torque or one.cause not in known]
+    widths = [count_columns(one) for one in missing]
+    parts = [
+        part.project(compute_columns(missing, problem.sample(s, joint, torque[s]), part.dt), joint)
         for s, part in enumerate(problem.rows.stretches)
-    )
-
-
-def project_candidates(
-    problem: Problem, candidates: Sequence[Candidate], joint: int, torque: Sequence[Array]
-) -> Array:
-    """Return the rows of candidates at a joint, (N, all k): see `compute_torques`."""
-    return problem.rows.project(compute_torques(problem, candidates, joint, torque), joint)
+    ]
+    each = np.split(np.concatenate(parts), np.cumsum(widths)[:-1], axis=1)
+    own = known | {one.cause: x for one, x in zip(missing, each)}
+    known.update((one.cause, own[one.cause]) for one in missing if not one.reads_torque)
+    return np.hstack([own[one.cause] for one in candidates])
 
 
 def build_joint_columns(problem: Problem, candidate: Candidate, torque: Sequence[Array]) -> Columns:
@@ -70,7 +70,10 @@ def build_joint_columns(problem: Problem, candidate: Candidate, torque: Sequence
     """
     joint = candidate.joint
     assert joint is not None
-    torques = compute_torques(problem, [candidate], joint, torque)
+    torques = tuple(
+        np.stack([*compute_columns([candidate], problem.sample(s, joint, own), part.dt)], axis=1)
+        for s, (own, part) in enumerate(zip(torque, problem.rows.stretches))
+    )
     precision = 0.0
     if candidate.is_harmonic:
         is_share = candidate.name == "torque-ripple"

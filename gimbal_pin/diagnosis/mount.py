@@ -13,7 +13,6 @@ from math import atan2, hypot, pi
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import block_diag
 
 from gimbal_pin.diagnosis.problem import Problem
 from gimbal_pin.diagnosis.rig_causes import build_standing_platform
@@ -128,13 +127,16 @@ def _build_error(rig: Rig, rows: Rows) -> Callable[[Array], float]:
     flat = equations.reshape(-1, equations.shape[-1])
     gram = flat.T @ flat
     count = (len(gram) - 1 - 3 * rig.n) // 4
-    others = np.eye(len(gram) - 4 * count)
+    # Products of the columns of each Y with the friction and the torque, and with those of each Y.
+    sides = gram[: 4 * count].reshape(4, -1)
+    others = gram[4 * count :, 4 * count :]
 
     def measure(direction: Array) -> float:
-        force = GRAVITY * direction / np.linalg.norm(direction)
-        rigid = np.kron(np.r_[1.0, force][:, None], np.eye(count))
-        mixing = block_diag(rigid, others)
-        products = mixing.T @ gram @ mixing
+        weights = np.r_[1.0, GRAVITY * direction / np.linalg.norm(direction)]
+        mixed = (weights @ sides).reshape(count, -1)
+        rigid = np.tensordot(mixed[:, : 4 * count].reshape(count, 4, count), weights, (1, 0))
+        beside = mixed[:, 4 * count :]
+        products = np.block([[rigid, beside], [beside.T, others]])
         norms = np.sqrt(np.diag(products))
         norms = np.where(norms > 1e-9 * norms.max(), norms, np.inf)
         *_, right = unit = products / np.outer(norms, norms)

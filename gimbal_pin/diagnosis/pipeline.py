@@ -26,7 +26,7 @@ from gimbal_pin.diagnosis.search import Solution
 from gimbal_pin.diagnosis.settings import SETTINGS, Settings
 from gimbal_pin.diagnosis.several import find_disagreement
 from gimbal_pin.diagnosis.uncertainty import compute_covariance
-from gimbal_pin.diagnosis.visibility import compute_detection_limits, get_joint, list_untestable
+from gimbal_pin.diagnosis.visibility import get_joint
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import RigEffect
 from gimbal_pin.errors import DataError, UsageError
@@ -86,9 +86,13 @@ def diagnose(
     disagreement = find_disagreement(explanation, prepared)
     if disagreement is not None:
         return report_spoilt_logs(rig, prepared.with_fault(disagreement), given)
-    diagnosis = replace(describe_explanation(explanation, prepared, idle), data=tuple(given))
-    diagnosis = compare_given_model(diagnosis, prepared)
-    return replace(diagnosis, given=state_payload_with_causes(diagnosis, mass))
+    diagnosis = describe_explanation(explanation, prepared, idle)
+    notes = (*diagnosis.notes, *compare_given_model(diagnosis, explanation, prepared))
+    diagnosis = replace(diagnosis, notes=notes, data=tuple(given), mass=mass)
+    if mass is not None:
+        # A mass in another unit is refused here, not where the payload is read.
+        state_payload_with_causes(explanation, diagnosis.after, mass)
+    return diagnosis
 
 
 def find_kept_log(holdout: str | None, given: Sequence[Log], kept: Sequence[Log]) -> str | None:
@@ -128,7 +132,8 @@ def describe_explanation(
     verdict = choose_verdict(findings, explanation.rest)
     if prepared.makes_physics_unreliable or (prepared.hides_inertia() and not stated):
         verdict = "data"
-    after = build_model(problem, extended, stated, compute_covariance(search, extended))
+    covariance = explanation.covariance if is_final else compute_covariance(search, extended)
+    after = build_model(problem, extended, stated, covariance)
     assert after.estimated is not None
     diagnosis = Diagnosis(
         rig=rig.name,
@@ -142,8 +147,6 @@ def describe_explanation(
         findings=tuple(findings),
         residual=describe_residuals(explanation, rest),
         idle=idle,
-        untestable=list_untestable(explanation, [(one.cause, one.joint) for one in findings]),
-        detection_limit=compute_detection_limits(explanation),
         alignment=dict(zip(rig.joints, after.estimated.lags)),
         held_out=measure_held_out(original, explanation.refitted, extended),
         explanation=explanation,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +17,7 @@ from gimbal_pin.dynamics.regressor import (
     compute_regressor,
     name_columns,
 )
-from gimbal_pin.effects import Sample
+from gimbal_pin.effects import Cause, Sample
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
@@ -56,6 +56,7 @@ class Problem:
         ranges: What the logs show of each joint.
         inertia: Each joint's own inertia per base parameter, mean over the logs, (n, b).
         weight: Torque that the URDF's bodies ask for at rest along each stretch, N m, (m, n).
+        projected: Rows of causes that read no torque, (N, k), which are the same beside every model.
     """
 
     rows: Rows
@@ -73,6 +74,7 @@ class Problem:
     ranges: tuple[OperatingRange, ...]
     inertia: Array
     weight: tuple[Array, ...]
+    projected: dict[Cause, Array] = field(default_factory=dict)
 
     @property
     def rig(self) -> Rig:

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
 from gimbal_pin.checks import Alteration, Fault, describe_parameters, list_alterations
 from gimbal_pin.diagnosis.explanation import Explanation
+from gimbal_pin.diagnosis.given_model import state_payload_with_causes
 from gimbal_pin.diagnosis.held_out import HeldOut
 from gimbal_pin.diagnosis.planning import NextExperiment
-from gimbal_pin.diagnosis.visibility import Untestable
+from gimbal_pin.diagnosis.visibility import (
+    Untestable,
+    compute_detection_limits,
+    list_untestable,
+)
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Cause, Term
 from gimbal_pin.effects.parameter import Parameter
@@ -175,11 +181,9 @@ class Diagnosis(Record):
         idle: Joints at rest, of which nothing is said.
         candidate: The cause that comes nearest where none was accepted; None: there is none.
         immaterial: Causes that are significant and too small to matter.
-        untestable: Causes that the logs cannot show.
-        detection_limit: Joint → torque that would have been found, N m rms.
         alignment: Joint → time by which its torque acts later than logged, s.
         held_out: Errors of URDF, refitted and extended model on the same rows; None: the logs are spoilt.
-        given: What the logs say of the payload against its URDF.
+        mass: Mass of the payload where it was weighed, kg.
         explanation: The search's models and rows; None: the logs are spoilt.
         planned: The motion that separates what is ambiguous, where `next_experiment` was asked for it.
         altered: Log → what was altered in it before anything was fitted.
@@ -199,11 +203,9 @@ class Diagnosis(Record):
     idle: tuple[str, ...] = ()
     candidate: Candidate | None = None
     immaterial: tuple[Slight, ...] = ()
-    untestable: tuple[Untestable, ...] = ()
-    detection_limit: Mapping[str, float] = field(default_factory=dict)
     alignment: Mapping[str, float] = field(default_factory=dict)
     held_out: HeldOut | None = None
-    given: PayloadStatement = field(default_factory=PayloadStatement)
+    mass: float | None = None
     explanation: Explanation | None = None
     planned: NextExperiment | None = None
     altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
@@ -215,6 +217,29 @@ class Diagnosis(Record):
     def save(self, path: str | Path) -> None:
         """Write the extended model, which `read_model`, ``tune``, ``track`` and ``studio`` read."""
         write_extended(self.after, path)
+
+    @cached_property
+    def untestable(self) -> tuple[Untestable, ...]:
+        """Causes that the logs cannot show."""
+        if self.explanation is None:
+            return ()
+        return list_untestable(self.explanation, [(one.cause, one.joint) for one in self.findings])
+
+    @cached_property
+    def detection_limit(self) -> Mapping[str, float]:
+        """Joint → torque that would have been found, N m rms."""
+        return {} if self.explanation is None else compute_detection_limits(self.explanation)
+
+    @cached_property
+    def given(self) -> PayloadStatement:
+        """What the logs say of the payload against its URDF; nothing where they are spoilt.
+
+        Raises:
+            UsageError: The mass is far from the stated one.
+        """
+        if self.explanation is None:
+            return PayloadStatement()
+        return state_payload_with_causes(self.explanation, self.after, self.mass)
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +52,8 @@ SPECTRUM_SECONDS = 8.0
 """Length of the segments of the spectrum in which lines are looked for, s: lines an eighth of a hertz apart differ."""
 LINE_NEIGHBOURS = 33
 """Number of its frequencies that the median around a line is taken over: 4 Hz."""
-COLUMNS_AT_A_TIME = 16
-"""Columns that are transformed together: a minute of them stays in a processor's cache."""
+SIGNALS_AT_A_TIME = 16
+"""Signals that are transformed together: a minute of them stays in a processor's cache."""
 
 Indices = NDArray[np.intp]
 
@@ -90,15 +90,15 @@ class Stretch:
     temperature: Array | None
     losses: tuple[Losses, ...]
 
-    def project(self, signals: Array, joint: int) -> Array:
-        """Return the rows of signals (m, k) at a joint: weighted, band-limited and decimated, (M, k)."""
-        rows = np.empty((self.count, signals.shape[1]))
-        gain = (self.fade * (self.count / len(signals)))[:, None]
-        for first in range(0, signals.shape[1], COLUMNS_AT_A_TIME):
-            own = slice(first, first + COLUMNS_AT_A_TIME)
-            spectrum = fft.rfft(signals[:, own] * self.weight[:, joint, None], axis=0)
-            rows[:, own] = fft.irfft(spectrum[: len(gain)] * gain, self.count, axis=0)
-        return rows
+    def project(self, signals: Iterable[Array], joint: int) -> Array:
+        """Return the rows of k signals (m,) at a joint: weighted, band-limited and decimated, (M, k)."""
+        rows = [np.empty((0, self.count))]
+        gain = self.fade * (self.count / len(self.time))
+        left = iter(signals)
+        while some := [x * self.weight[:, joint] for x in islice(left, SIGNALS_AT_A_TIME)]:
+            spectrum = fft.rfft(np.array(some))
+            rows.append(fft.irfft(spectrum[:, : len(gain)] * gain, self.count))
+        return np.concatenate(rows).T
 
     @property
     def frequencies(self) -> Array:
@@ -181,9 +181,7 @@ class Rows:
     def project(self, signals: Sequence[Array], joint: int) -> Array:
         """Return the rows of signals, (m,) or (m, k) per stretch, at a joint, (N, k)."""
         pairs = zip(self.stretches, signals)
-        return np.concatenate(
-            [part.project(x[:, None] if x.ndim == 1 else x, joint) for part, x in pairs]
-        )
+        return np.concatenate([part.project(np.atleast_2d(x.T), joint) for part, x in pairs])
 
     def join(self, name: str) -> Array:
         """Return a channel of all stretches, (all m, n)."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtr, stdtrit
 
 from gimbal_pin.diagnosis.candidates import REFINEMENTS, Candidate, list_candidates, vary_shape
 from gimbal_pin.diagnosis.library import (
@@ -83,9 +83,10 @@ class Solution:
             places[self.get_places(cause, problem)] = True
         return places
 
-    def has_kind(self, candidate: Candidate) -> bool:
-        """Return whether it has the cause at the same place, with any shape."""
-        return any(candidate.kind == other.kind for other in self.accepted)
+    @cached_property
+    def kinds(self) -> set[tuple[str, str]]:
+        """Names and places of its causes."""
+        return {cause.kind for cause in self.accepted}
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +103,10 @@ class Hit:
     by_fold: Array
     coefficients: Array
 
-    @property
+    @cached_property
     def gain(self) -> float:
         """Held-out gain D, nats."""
-        return float(self.by_fold.sum())
+        return float(np.add.reduce(self.by_fold))
 
     @property
     def score(self) -> float:
@@ -143,8 +144,8 @@ class Search:
     def count_deviations(self, places: int) -> float:
         """Return the standard errors that a gain must have which was looked for at some places."""
         folds = len(self.problem.rows.folds)
-        tail = float(norm.sf(self.problem.settings.clear_deviations)) / places
-        return float(student.isf(tail, max(folds - 1, 2)))
+        tail = ndtr(-self.problem.settings.clear_deviations) / places
+        return -float(stdtrit(max(folds - 1, 2), tail))
 
     def is_clear(self, hit: Hit, nats: float) -> bool:
         """Return whether a gain is above its prior's cost and its own error."""
@@ -305,23 +306,22 @@ class Search:
     ) -> list[Hit]:
         """Return the gains of candidates that are not in a model, differ from it and are admissible."""
         settings = self.problem.settings
+        friction: Array = np.zeros((len(candidates), 0))
+        if (joint := candidates[0].joint) is not None:
+            own = self.problem.get_own_columns(joint)
+            friction = gains.beside[:, own][:, :2] / settings.clear_deviations
         hits = list[Hit]()
-        for place, candidate in enumerate(candidates):
+        for candidate, left, by_fold, coefficients, beside in zip(
+            candidates, gains.remaining, gains.by_fold, gains.coefficients, friction
+        ):
             # A change of bodies is a part of the rigid columns, told from them by their prior alone.
-            differs = (
-                gains.remaining[place] >= settings.min_left_share or candidate.cause.of_given_model
-            )
+            differs = left >= settings.min_left_share or candidate.cause.of_given_model
             # A harmonic may come again with other periods.
-            is_new = candidate not in solution.accepted and (
-                candidate.is_harmonic or not solution.has_kind(candidate)
+            is_new = candidate.kind not in solution.kinds or (
+                candidate.is_harmonic and candidate not in solution.accepted
             )
-            friction: Array = np.zeros(0)
-            if candidate.joint is not None:
-                own = self.problem.get_own_columns(candidate.joint)
-                friction = gains.beside[place, own][:2] / settings.clear_deviations
-            coefficients = gains.coefficients[place]
-            if differs and is_new and candidate.is_admissible(coefficients, friction):
-                hits.append(Hit(candidate, gains.by_fold[place], coefficients))
+            if differs and is_new and candidate.is_admissible(coefficients, beside):
+                hits.append(Hit(candidate, by_fold, coefficients))
         return hits
 
     def refine(self, solution: Solution, hits: Sequence[Hit], count: int = REFINED) -> list[Hit]:
@@ -338,7 +338,8 @@ class Search:
         if best.candidate.is_harmonic:
             return best
         cost = self.problem.settings.kept_nats
-        forms = [hit for hit in hits if hit.candidate.form == best.candidate.form]
+        form = best.candidate.form
+        forms = [hit for hit in hits if hit.candidate.form == form]
         return max(forms, key=lambda hit: hit.score - cost * len(hit.coefficients))
 
     def bisect(self, solution: Solution, hit: Hit) -> Hit:
@@ -456,7 +457,7 @@ def _compute_needed_torque(
     """Return the torque that a cause must explain at a joint, N m rms."""
     settings = problem.settings
     least = settings.material_share * float(problem.torque_rms[joint])
-    if solution.has_kind(candidate):
+    if candidate.kind in solution.kinds:
         return settings.harmonic_share * least
     if all(other.joint != joint for other in solution.accepted):
         return least

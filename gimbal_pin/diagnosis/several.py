@@ -42,6 +42,8 @@ def find_disagreement(explanation: Explanation, prepared: PreparedLogs) -> Fault
 
     Rows for the shown figures count as well.
     """
+    if len(prepared.logs) < 2:
+        return None
     search = explanation.search
     floor = np.maximum(search.whitening.floor, 1e-12)
     plain = compare_logs(explanation.original, explanation.refitted, floor)

@@ -87,8 +87,8 @@ def bump(x: Array, count: int) -> Array:
 
 def turn(angle: Array, count: int) -> Array:
     """Return cosines and sines of the first multiples of an angle, (2 count, m)."""
-    phase = np.arange(1, count + 1)[:, None] * angle
-    return np.vstack([np.cos(phase), np.sin(phase)])
+    waves = np.cumprod(np.broadcast_to(np.exp(1j * angle), (count, len(angle))), axis=0)
+    return np.vstack([waves.real, waves.imag])
 
 
 def cross(first: Array, *second: Array | float) -> Array:
@@ -115,11 +115,14 @@ def ring(s: Surroundings) -> Array:
 
 def slip(x: Array, *reaches: float) -> Array:
     """Return stretches of springs behind friction elements as x moves, over their largest, in ±1, (reaches, m)."""
-    moves = np.diff(x).tolist()
+    # From turn to turn x moves in one direction: the stretch at the last turn and the way since say all.
+    turns = np.r_[0, 1 + np.flatnonzero(np.diff(np.diff(x) > 0))]
+    since = np.searchsorted(turns, np.arange(len(x)), "right") - 1
 
-    def stretch(reach: float) -> list[float]:
-        now = accumulate(moves, lambda y, dx: min(max(y + dx, -reach), reach), initial=0.0)
-        return list(now)
+    def stretch(reach: float) -> Array:
+        moves = np.diff(x[turns]).tolist()
+        at = accumulate(moves, lambda y, dx: min(max(y + dx, -reach), reach), initial=0.0)
+        return np.clip(np.array([*at])[since] + x - x[turns][since], -reach, reach)
 
     return np.array([stretch(reach) for reach in reaches]) / np.array(reaches)[:, None]
 

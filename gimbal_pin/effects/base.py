@@ -5,21 +5,17 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from math import nan, sqrt
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import cos, sin
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 
-Turns = NDArray[np.complex128]
 EffectMemory = Any
 """What an effect remembers at one sample: a number or a list of them; at many samples, (N,) or (k, N)."""
 
@@ -40,7 +36,6 @@ class Sample(NamedTuple):
         tau: The model's total torque at the joint, N m; never the measured one, whose noise would leak into columns.
         temperature: Motor temperature, °C.
         memory: What the effect remembers of the way so far, see `Effect.evolve`; None where nobody keeps it.
-        turns: ``exp(iq), exp(2iq), exp(4iq), …``, (octaves, N), where many harmonics are asked for; see `around`.
         weight: What of `tau` the rig asks for at rest, N m: gravity, and what a base that moves adds to it.
         losses: What the motor turned into heat since the log began, a `Losses`; None where nobody knows.
     """
@@ -53,23 +48,12 @@ class Sample(NamedTuple):
     tau: float | Array
     temperature: float | Array = AMBIENT
     memory: EffectMemory | None = None
-    turns: Array | Turns | None = None
     weight: float | Array = 0.0
     losses: Any = None
 
     def __repr__(self) -> str:
         """See `brief`."""
         return brief(self)
-
-    def around(self, k: float) -> tuple[float | Array, float | Array]:
-        """``cos kq, sin kq``: of a whole k a product of `turns`, a tenth of the work of a cosine and a sine."""
-        if self.turns is None or k % 1 or not 1 <= k < 2 ** len(self.turns):
-            angle = k * self.q
-            return cos(angle), sin(angle)
-        turned = reduce(
-            np.multiply, (turn for bit, turn in enumerate(self.turns) if int(k) >> bit & 1)
-        )
-        return turned.real, turned.imag
 
 
 @dataclass(frozen=True)

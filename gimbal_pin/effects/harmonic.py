@@ -78,10 +78,7 @@ class Harmonic(Effect):
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """``carrier cos kq, carrier sin kq`` for every harmonic."""
         carrier = self.carrier(at)
-        if len(self.harmonic) == 1:
-            along, across = at.around(self.harmonic[0])
-            return carrier * along, carrier * across
-        return tuple(carrier * part for k in self.harmonic for part in at.around(k))
+        return tuple(carrier * part(k * at.q) for k in self.harmonic for part in (cos, sin))
 
     @property
     def pieces(self) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from gimbal_pin.log.log import Array
 
 EffectMemories = tuple[EffectMemory, ...]
 make_sample = partial(tuple.__new__, Sample)
-"""A `Sample` of its eleven entries: a named tuple's own way is three times as long, and this runs at every stage."""
+"""A `Sample` of its ten entries: a named tuple's own way is three times as long, and this runs at every stage."""
 
 
 class Resistance:
@@ -109,7 +109,6 @@ class Resistance:
                         tau[j],
                         self.warm[j],
                         held,
-                        None,
                         weight[j],
                         None,
                     )
