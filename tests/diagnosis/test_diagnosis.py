@@ -102,7 +102,6 @@ def test_every_cause_of_the_library_is_planted() -> None:
     assert {*CAUSES} - names == {"joint-flexibility", "off-diagonal-inertia", "payload-shift"}
 
 
-@pytest.mark.xfail(strict=True, reason="0.076 ± 0.004 N m: the deviation leaves out the speed's")
 def test_a_size_is_as_far_off_as_it_says_where_the_shape_is_fitted() -> None:
     found = diagnose(RIG, prescribe("prescribed", *TEETH))
     (finding,) = (one for one in found.stated if one.cause == "stribeck")
