@@ -21,6 +21,7 @@ from gimbal_pin.diagnosis.rivals import Contest, is_close, list_contests, weigh
 from gimbal_pin.diagnosis.score import compute_gain, compute_standard_error
 from gimbal_pin.diagnosis.search import Hit, Search, sum_squares_by_fold
 from gimbal_pin.diagnosis.structure import measure_curve
+from gimbal_pin.diagnosis.uncertainty import size_drive
 from gimbal_pin.diagnosis.visibility import get_joint
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import ActuatorLag, BaseTilt, Cause, Delay, Term
@@ -65,7 +66,7 @@ def list_findings(explanation: Explanation) -> list[Finding]:
             drive.hit.candidate.joint or 0,
             drive.before,
             drive.gain,
-            drive.hit.candidate.cause.shown(),
+            size_drive(search, final, drive),
             drive.hit.candidate.cause,
             hits=list({hit.candidate.name: hit for hit in reversed(drive.others)}.values()),
             log_prior=drive.hit.candidate.log_prior,

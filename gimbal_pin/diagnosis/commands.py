@@ -23,7 +23,6 @@ from gimbal_pin.diagnosis.candidates import LOG_PRIORS, RESONANCE_BAND, Candidat
 from gimbal_pin.diagnosis.problem import SHIFT, Problem, compute_torque
 from gimbal_pin.diagnosis.score import BlockFit, compare_fits
 from gimbal_pin.diagnosis.search import Hit, Search, Solution, compute_solution_gain
-from gimbal_pin.diagnosis.uncertainty import compute_white_covariance
 from gimbal_pin.effects import (
     ActuatorLag,
     Backlash,
@@ -54,6 +53,10 @@ ROUNDS = 8
 time."""
 HIGHEST_LIMIT = 2.0
 """Highest limit that is tried, as a share of the largest torque: a soft one beyond bends it by less than an eighth."""
+MOVES = (1 / 2, 1 / 3)
+"""Shares of a stretch by which residuals are moved to imitate noise; the first alone where chance has no part."""
+SLOPE_STEP = 1.01
+"""Factor of a shape parameter by which the slope of the acting torque is computed."""
 SMALLEST_INERTIA = 1e-9
 """Inertia below which a joint has none, kg m²: its logarithm must exist."""
 
@@ -131,7 +134,7 @@ class DriveTest:
     def measure(self, causes: Sequence[Cause], log_prior: float) -> list[Drive]:
         """Return what drives gain beside the model."""
         signals = [x for x in causes if isinstance(x, Signal)]
-        torques = self._compute_acting_torques(signals)
+        torques = self.compute_acting_torques(signals)
         if not torques:
             return []
         drives = list[Drive]()
@@ -181,7 +184,7 @@ class DriveTest:
             acting.append(signal.along(command, part.dt, borne))
         return acting
 
-    def _compute_acting_torques(self, signals: Sequence[Signal]) -> list[Sequence[Array]]:
+    def compute_acting_torques(self, signals: Sequence[Signal]) -> list[Sequence[Array]]:
         """Return the torque that acts behind each drive along each stretch, N m, (m,)."""
         read_log = [x for x in signals if x.abrupt or not x.geared]
         new = [x for x in read_log if x not in self.known]
@@ -205,7 +208,7 @@ class DriveTest:
         """Return whether the joint's inertia is known to half of itself, by two deviations."""
         problem = self.search.problem
         direction = problem.inertia[self.joint]
-        covariance = compute_white_covariance(fit)[: problem.base_count, : problem.base_count]
+        covariance = fit.white_covariance[: problem.base_count, : problem.base_count]
         inertia = compute_inertia(problem, self.solution, self.joint, fit)
         std = np.sqrt(direction @ covariance @ direction)
         settings = problem.settings
@@ -354,3 +357,20 @@ def compute_drive_gain(search: Search, before: Solution, after: Solution, drive:
     assert joint is not None
     old, new = (compute_inertia(search.problem, x, joint) for x in (before, after))
     return compare_fits(before.fit, after.fit) + before.fit.rows[:, joint] * log(new / old)
+
+
+def compute_slopes(search: Search, solution: Solution, drive: Drive) -> dict[str, Array]:
+    """Return how the acting torque changes with the logarithm of each shape of a drive that is not zero, N m, (N,)."""
+    joint = drive.hit.candidate.joint
+    assert joint is not None
+    signal = drive.signal
+    test = DriveTest(search, solution, joint)
+    slopes = dict[str, Array]()
+    for name in (x.name for x in signal.shapes if getattr(signal, x.name) > 0):
+        value = getattr(signal, name)
+        pair = [signal.altered(**{name: value * x}) for x in (1 / SLOPE_STEP, SLOPE_STEP)]
+        low, high = test.compute_acting_torques(pair)
+        span = log(getattr(pair[1], name) / getattr(pair[0], name))
+        rows = [(y - x)[:, None] / span for x, y in zip(low, high)]
+        slopes[name] = search.problem.rows.project(rows, joint)[:, 0]
+    return slopes

@@ -11,7 +11,7 @@ import numpy as np
 from gimbal_pin.diagnosis.explanation import Explanation
 from gimbal_pin.diagnosis.prepare import PreparedLogs
 from gimbal_pin.diagnosis.result import Diagnosis
-from gimbal_pin.diagnosis.uncertainty import compute_covariance, compute_white_covariance
+from gimbal_pin.diagnosis.uncertainty import compute_covariance
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import GimbalPinError
@@ -45,7 +45,7 @@ def compute_base_difference(explanation: Explanation, model: Model) -> BaseDiffe
         reduction=problem.reduction,
         change=model.estimated.theta[: problem.base_count] - problem.urdf,
         covariance=compute_covariance(search, explanation.found.final)[own],
-        weighting=compute_white_covariance(explanation.found.final.fit)[own],
+        weighting=explanation.found.final.fit.white_covariance[own],
     )
 
 
