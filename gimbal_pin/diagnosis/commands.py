@@ -40,7 +40,7 @@ from gimbal_pin.log.log import Array
 STEPS = {
     "saturation": {"limit": 1.1},
     "dead-zone": {"width": 1.15},
-    "backlash": {"gap": 2.0},
+    "backlash": {"gap": 2.0, "rotor_share": 1.5},
     "joint-flexibility": {"frequency": 1.15, "damping": 2.0, "rotor_share": 1.5},
     "delay": {"time": 1.4},
     "actuator-lag": {"time_constant": 1.4},
