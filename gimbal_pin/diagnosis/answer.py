@@ -136,7 +136,7 @@ def _state_finding(
     name, place = (cause, None) if isinstance(cause, str) else (cause.name, get_joint(cause.place))
     after = float(final.errors[joint])
     curve = measure_curve(search, final, joint, name)
-    share = max(compute_share(before, curve * after, rest), least_share)
+    share = max(rest.compute_share(before, curve * after), least_share)
     compared = gain if compared is None else compared
     chances = weigh(
         np.array([compared, *(hit.by_fold for hit in hits)]),
@@ -180,13 +180,6 @@ def _state_finding(
         rivals=tuple(sorted(rivals, key=lambda rival: rival.nats)),
         physical=physical,
     )
-
-
-def compute_share(before: float, after: float, rest: Rest) -> float:
-    """``(e_0² - e_1²)/(e_0² - e_min²)``: share of the predictable error power that a finding explains."""
-    least = rest.left**2 - rest.suspected**2
-    explained = max(before**2 - after**2, 0.0)
-    return explained / max(before**2 - min(least, after**2), 1e-300)
 
 
 def _describe_contest(explanation: Explanation, contest: Contest, covariance: Array) -> Finding:
@@ -240,7 +233,7 @@ def _list_shifts(explanation: Explanation, covariance: Array) -> list[Finding]:
 def _describe_shift(
     explanation: Explanation, joint: int, shift: float, std: float
 ) -> list[Finding]:
-    """Return a late torque as a delay or a lag, or as either; nothing where its gain is not clear."""
+    """Return a late torque as a delay or a lag, or as either; nothing where that is not confirmed."""
     search = explanation.search
     problem = search.problem
     solution = explanation.found.final
@@ -264,11 +257,10 @@ def _describe_shift(
     cause = best.candidate.cause
     parameter = replace(cause.shapes[0], value=float(best.coefficients[0]), std=std)
     before = float(without.errors[joint])
-    return [
-        _state_finding(
-            explanation, cause, joint, before, best.by_fold, (parameter,), cause, hits=[other]
-        )
-    ]
+    finding = _state_finding(
+        explanation, cause, joint, before, best.by_fold, (parameter,), cause, hits=[other]
+    )
+    return [finding] if finding.is_stated else []
 
 
 def _project_delay(explanation: Explanation, joint: int, time: float) -> Array:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from math import log
 
 import numpy as np
@@ -253,28 +254,34 @@ class DriveTest:
         if not self.search.is_clear(best.hit, self.search.problem.settings.gain_nats):
             return best
         forms = best.signal.akin(self.search.problem.ranges[self.joint])
+        prior -= log(max(len(forms), 1))
         return max([best, *self.measure(forms, prior)], key=_get_score)
 
     def discount_noise(self, found: Drive) -> Hit:
-        """Return a drive's gain less what it gains on a torque that it leaves alone but for noise.
+        """Return a drive's gain less what it gains on torques that it leaves alone but for noise.
 
-        A lag, a limit or a gap takes noise out of a torque as well, which is no sign of it. The imitated torque is that
-        of the model with the drive, with its residual moved by half of each stretch. For a smooth drive it is also that
-        of the model without: the residual there is noise, or has the structure of which a true drive leaves nothing. A
-        spring has to gain something even if all of the error is noise of the acceleration.
+        A lag takes noise out of a torque as well, and of the shapes of a limit or a gap, which do so by chance, the
+        best was chosen: so it is from noise. The imitated torques are that of the model with the drive and that of the
+        model without, with the residual moved along each stretch: it then is noise, or has the structure of which a
+        true drive leaves nothing. A spring has to gain something even if all of the error is noise of the acceleration.
         """
         problem = self.search.problem
         fit = self.solution.fit
         with_drive = compute_torque(problem, found.fit.theta, self.solution.columns)
+        signals = [found.signal]
+        count = 1
+        if not found.signal.linear:
+            count = len(MOVES)
+            shapes = list_drives(type(found.signal), found.signal.place, problem.ranges[self.joint])
+            signals += [x for x in shapes if isinstance(x, Signal)]
         gain = found.hit.by_fold
-        models = [(with_drive, found.torque)]
-        if found.signal.linear or getattr(found.signal, "knee", 0.0) > 0.0:
-            models.append((list(self.solution.torque), self.commands))
-        for torque, acting in models:
+        models = ((with_drive, found.torque), (self.solution.torque, self.commands))
+        for (torque, acting), share in product(models, MOVES[:count]):
             own = [x[:, self.joint] for x in torque]
-            imitated = [x + np.roll(y - x, len(y) // 2) for x, y in zip(own, acting)]
-            passed = self.pass_commands(found.signal, imitated)
-            noise = float(self.measure_gain(*self.fit_torques([imitated, passed])).sum())
+            imitated = [x + np.roll(y - x, int(share * len(y))) for x, y in zip(own, acting)]
+            passed = [self.pass_commands(signal, imitated) for signal in signals]
+            plain, *fits = self.fit_torques([imitated, *passed])
+            noise = max(float(self.measure_gain(plain, x).sum()) for x in fits)
             gain = np.minimum(gain, found.hit.by_fold - max(noise, 0.0) / len(gain))
         filtered = float(fit.rows[:, self.joint].sum()) * _average_log_response(
             problem, found.signal
@@ -337,7 +344,8 @@ def find_drives(search: Search, final: Solution, joint: int) -> list[Drive]:
         ]
         for drive in clear:
             sure = test.discount_noise(drive)
-            if search.is_clear(sure, nats) and not _is_short(search, final, drive, joint):
+            is_other = _is_short(search, final, drive, joint) or _is_damped_out(drive)
+            if search.is_clear(sure, nats) and not is_other:
                 others = tuple(x.hit for x in clear if x is not drive)
                 drives.append(replace(drive, gain=sure.by_fold, others=others))
     return sorted(drives, key=lambda x: -(float(x.gain.sum()) + x.hit.candidate.log_prior))
@@ -349,6 +357,12 @@ def _is_short(search: Search, solution: Solution, drive: Drive, joint: int) -> b
     shift = float(solution.fit.theta[problem.get_own_columns(joint).start + SHIFT])
     late = shift + drive.signal.late(problem.rows.stretches[0].dt)
     return isinstance(drive.signal, Delay | ActuatorLag) and late <= problem.settings.shift_seconds
+
+
+def _is_damped_out(drive: Drive) -> bool:
+    """Return whether a spring's damping has run to its bound: nothing swings there, and it is a filter of noise."""
+    bounds = {x.name: x.upper for x in drive.signal.shapes}
+    return getattr(drive.signal, "damping", 0.0) >= bounds.get("damping", np.inf)
 
 
 def compute_drive_gain(search: Search, before: Solution, after: Solution, drive: Drive) -> Array:

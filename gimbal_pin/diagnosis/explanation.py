@@ -31,6 +31,7 @@ from gimbal_pin.diagnosis.search import (
     sum_squares_by_fold,
 )
 from gimbal_pin.diagnosis.settings import Settings
+from gimbal_pin.diagnosis.structure import measure_curve
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import BaseTilt
 from gimbal_pin.log.platform import BaseMotion, Platform
@@ -167,7 +168,8 @@ def _add_drive(before: Explanation, joint: int) -> Explanation:
     """Return an explanation with a drive at a joint, where that predicts its acceleration better.
 
     Behind each of the likeliest drives the whole search is repeated. A drive must lower the joint's error as a share of
-    the torque that acts, by a material part of it.
+    the torque that acts, by a material part of it. It alters the torque by which all else is judged, so that one which
+    does not explain enough for a name is not kept.
     """
     search = before.search
     old = before.found.final
@@ -188,9 +190,9 @@ def _add_drive(before: Explanation, joint: int) -> Explanation:
         rows = problem.measured + problem.target - search.problem.target
         share = level / float(problem.compute_rms(rows[problem.rows.inner])[joint])
         lowered = old.errors[joint] ** 2 - (share * new.errors[joint]) ** 2
-        if worth > most and lowered > least**2:
+        drive = replace(drive, gain=gain, before=float(old.errors[joint]))
+        if worth > most and lowered > least**2 and _is_confirmed(after, drive, joint):
             most = worth
-            drive = replace(drive, gain=gain, before=float(old.errors[joint]))
             best = replace(
                 after,
                 original=before.original,
@@ -198,3 +200,13 @@ def _add_drive(before: Explanation, joint: int) -> Explanation:
                 commands=(*before.commands, drive),
             )
     return best
+
+
+def _is_confirmed(explanation: Explanation, drive: Drive, joint: int) -> bool:
+    """Return whether a drive's gain is clear and explains as much of the predictable error as a name asks for."""
+    search = explanation.search
+    final = explanation.found.final
+    after = measure_curve(search, final, joint, drive.signal.name) * float(final.errors[joint])
+    share = explanation.rest[joint].compute_share(drive.before, after)
+    deviations = search.least_deviations * float(compute_standard_error(drive.gain))
+    return share >= search.problem.settings.name_share and float(drive.gain.sum()) >= deviations
