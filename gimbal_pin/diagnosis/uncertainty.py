@@ -80,8 +80,8 @@ def compute_shape_covariance(
         search.build_columns(x, solution.torque, theta).rows[joint] @ theta[places] for x in varied
     )
     span = getattr(varied[1].cause, name) - getattr(varied[0].cause, name)
-    slope = (high - low) / span
-    fit = _fit_with_slopes(search, solution, joint, slope[:, None], np.zeros(1))
+    column = (high - low)[:, None] / span
+    fit = _fit_with_slopes(search, solution, joint, column, np.zeros(1))
     white = fit.white_covariance[:, -1]
     slope = white[np.append(places, True)] / white[-1]
     shaped = fit.covariance[-1, -1] * np.outer(slope, slope)
@@ -97,23 +97,19 @@ def size_drive(search: Search, solution: Solution, drive: Drive) -> tuple[Parame
     nothing but the product are both unknown.
     """
     slopes = compute_slopes(search, solution, drive)
-    bounds = {x.name: x for x in drive.signal.shapes}
-    precision = [
-        12.0 / log(bounds[x].upper / bounds[x].lower) ** 2 if bounds[x].lower > 0 else 0.0
-        for x in slopes
-    ]
+    shown = drive.signal.shown()
+    shapes = [p for p in shown if p.name in slopes]
+    precision = [12.0 / log(p.upper / p.lower) ** 2 if p.lower > 0 else 0.0 for p in shapes]
+    columns = np.column_stack([slopes[p.name] for p in shapes])
     joint = drive.hit.candidate.joint or 0
-    columns = np.column_stack([*slopes.values()])
     fit = _fit_with_slopes(search, solution, joint, columns, np.array(precision))
-    variances = np.minimum(np.diag(fit.covariance)[-len(slopes) :], LARGEST_VARIANCE)
+    variances = np.minimum(np.diag(fit.covariance)[-len(shapes) :], LARGEST_VARIANCE)
     relative = np.sqrt(np.expm1(variances) * np.exp(variances)).tolist()
-    deviations = dict(zip(slopes, relative))
-    return tuple(
-        replace(p, std=min(deviations[p.name] * p.value, (p.upper - p.lower) / sqrt(12.0)))
-        if p.name in deviations
-        else p
-        for p in drive.signal.shown()
-    )
+    sized = {
+        p.name: replace(p, std=min(x * p.value, (p.upper - p.lower) / sqrt(12.0)))
+        for p, x in zip(shapes, relative)
+    }
+    return tuple(sized.get(p.name, p) for p in shown)
 
 
 def _fit_with_slopes(
