@@ -148,11 +148,7 @@ def search_rows(
     first = rough.solve((), rough.solve(()))
     whitening = estimate_noise(problem, first.torque)
     explanation = _search(Search(problem, whitening, tuple(list_rig_changes(problem, platforms))))
-    least = settings.material_share * problem.torque_rms
-    for j in problem.joints:
-        if explanation.rest[j].left > least[j]:
-            explanation = _add_drive(explanation, j)
-    return explanation
+    return _add_drives(explanation, problem.joints)
 
 
 def _search(search: Search, shelves: Sequence[Shelf] = ()) -> Explanation:
@@ -162,6 +158,18 @@ def _search(search: Search, shelves: Sequence[Shelf] = ()) -> Explanation:
     found = replace(found, final=refine_shapes(search, final), shelves=shelves)
     rest = tuple(describe_rest(search, found.final))
     return Explanation(search, found, rest, search.problem, found.first)
+
+
+def _add_drives(before: Explanation, joints: Sequence[int]) -> Explanation:
+    """Return an explanation with drives at some joints, each confirmed beside all others."""
+    problem = before.search.problem
+    least = problem.settings.material_share * problem.torque_rms
+    after = before
+    for j in joints:
+        if after.rest[j].left > least[j]:
+            after = _add_drive(after, j)
+    unsure = [x.hit.candidate.joint for x in after.commands if not _is_confirmed(after, x)]
+    return _add_drives(before, [j for j in joints if j not in unsure]) if unsure else after
 
 
 def _add_drive(before: Explanation, joint: int) -> Explanation:
@@ -191,7 +199,7 @@ def _add_drive(before: Explanation, joint: int) -> Explanation:
         share = level / float(problem.compute_rms(rows[problem.rows.inner])[joint])
         lowered = old.errors[joint] ** 2 - (share * new.errors[joint]) ** 2
         drive = replace(drive, gain=gain, before=float(old.errors[joint]))
-        if worth > most and lowered > least**2 and _is_confirmed(after, drive, joint):
+        if worth > most and lowered > least**2 and _is_confirmed(after, drive):
             most = worth
             best = replace(
                 after,
@@ -202,10 +210,12 @@ def _add_drive(before: Explanation, joint: int) -> Explanation:
     return best
 
 
-def _is_confirmed(explanation: Explanation, drive: Drive, joint: int) -> bool:
+def _is_confirmed(explanation: Explanation, drive: Drive) -> bool:
     """Return whether a drive's gain is clear and explains as much of the predictable error as a name asks for."""
     search = explanation.search
     final = explanation.found.final
+    joint = drive.hit.candidate.joint
+    assert joint is not None
     after = measure_curve(search, final, joint, drive.signal.name) * float(final.errors[joint])
     share = explanation.rest[joint].compute_share(drive.before, after)
     deviations = search.least_deviations * float(compute_standard_error(drive.gain))
