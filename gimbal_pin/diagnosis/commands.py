@@ -54,8 +54,8 @@ ROUNDS = 8
 time."""
 HIGHEST_LIMIT = 2.0
 """Highest limit that is tried, as a share of the largest torque: a soft one beyond bends it by less than an eighth."""
-MOVES = (1 / 2, 1 / 3)
-"""Shares of a stretch by which residuals are moved to imitate noise; the first alone where chance has no part."""
+MOVES: tuple[float, ...] = (1 / 2, 1 / 3, 2 / 3)
+"""Shares of a stretch by which residuals are moved to imitate noise: half for a filter, thirds to meet chance twice."""
 SLOPE_STEP = 1.01
 """Factor of a shape parameter by which the slope of the acting torque is computed."""
 SMALLEST_INERTIA = 1e-9
@@ -261,22 +261,25 @@ class DriveTest:
         """Return a drive's gain less what it gains on torques that it leaves alone but for noise.
 
         A lag takes noise out of a torque as well, and of the shapes of a limit or a gap, which do so by chance, the
-        best was chosen: so it is from noise. The imitated torques are that of the model with the drive and that of the
-        model without, with the residual moved along each stretch: it then is noise, or has the structure of which a
-        true drive leaves nothing. A spring has to gain something even if all of the error is noise of the acceleration.
+        best was chosen: so it is from noise. The imitated torques are that of the model with the drive, with its
+        residual moved along each stretch. For a smooth drive they are also that of the model without: the residual
+        there is noise, or has the structure of which a true drive leaves nothing. A spring has to gain something even
+        if all of the error is noise of the acceleration.
         """
         problem = self.search.problem
         fit = self.solution.fit
         with_drive = compute_torque(problem, found.fit.theta, self.solution.columns)
+        gain = found.hit.by_fold
+        models = [(with_drive, found.torque)]
+        if found.signal.linear or getattr(found.signal, "knee", 0.0) > 0.0:
+            models.append((list(self.solution.torque), self.commands))
         signals = [found.signal]
-        count = 1
+        moves = MOVES[:1]
         if not found.signal.linear:
-            count = len(MOVES)
             shapes = list_drives(type(found.signal), found.signal.place, problem.ranges[self.joint])
             signals += [x for x in shapes if isinstance(x, Signal)]
-        gain = found.hit.by_fold
-        models = ((with_drive, found.torque), (self.solution.torque, self.commands))
-        for (torque, acting), share in product(models, MOVES[:count]):
+            moves = MOVES[1:]
+        for (torque, acting), share in product(models, moves):
             own = [x[:, self.joint] for x in torque]
             imitated = [x + np.roll(y - x, int(share * len(y))) for x, y in zip(own, acting)]
             passed = [self.pass_commands(signal, imitated) for signal in signals]
