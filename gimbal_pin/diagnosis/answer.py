@@ -21,6 +21,7 @@ from gimbal_pin.diagnosis.rivals import Contest, is_close, list_contests, weigh
 from gimbal_pin.diagnosis.score import compute_gain, compute_standard_error
 from gimbal_pin.diagnosis.search import Hit, Search, sum_squares_by_fold
 from gimbal_pin.diagnosis.structure import measure_curve
+from gimbal_pin.diagnosis.uncertainty import size_drive
 from gimbal_pin.diagnosis.visibility import get_joint
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import ActuatorLag, BaseTilt, Cause, Delay, Term
@@ -65,7 +66,7 @@ def list_findings(explanation: Explanation) -> list[Finding]:
             drive.hit.candidate.joint or 0,
             drive.before,
             drive.gain,
-            drive.hit.candidate.cause.shown(),
+            size_drive(search, final, drive),
             drive.hit.candidate.cause,
             hits=list({hit.candidate.name: hit for hit in reversed(drive.others)}.values()),
             log_prior=drive.hit.candidate.log_prior,
@@ -135,7 +136,7 @@ def _state_finding(
     name, place = (cause, None) if isinstance(cause, str) else (cause.name, get_joint(cause.place))
     after = float(final.errors[joint])
     curve = measure_curve(search, final, joint, name)
-    share = max(compute_share(before, curve * after, rest), least_share)
+    share = max(rest.compute_share(before, curve * after), least_share)
     compared = gain if compared is None else compared
     chances = weigh(
         np.array([compared, *(hit.by_fold for hit in hits)]),
@@ -179,13 +180,6 @@ def _state_finding(
         rivals=tuple(sorted(rivals, key=lambda rival: rival.nats)),
         physical=physical,
     )
-
-
-def compute_share(before: float, after: float, rest: Rest) -> float:
-    """``(e_0² - e_1²)/(e_0² - e_min²)``: share of the predictable error power that a finding explains."""
-    least = rest.left**2 - rest.suspected**2
-    explained = max(before**2 - after**2, 0.0)
-    return explained / max(before**2 - min(least, after**2), 1e-300)
 
 
 def _describe_contest(explanation: Explanation, contest: Contest, covariance: Array) -> Finding:
@@ -239,7 +233,7 @@ def _list_shifts(explanation: Explanation, covariance: Array) -> list[Finding]:
 def _describe_shift(
     explanation: Explanation, joint: int, shift: float, std: float
 ) -> list[Finding]:
-    """Return a late torque as a delay or a lag, or as either; nothing where its gain is not clear."""
+    """Return a late torque as a delay or a lag, or as either; nothing where that is not confirmed."""
     search = explanation.search
     problem = search.problem
     solution = explanation.found.final
@@ -263,11 +257,10 @@ def _describe_shift(
     cause = best.candidate.cause
     parameter = replace(cause.shapes[0], value=float(best.coefficients[0]), std=std)
     before = float(without.errors[joint])
-    return [
-        _state_finding(
-            explanation, cause, joint, before, best.by_fold, (parameter,), cause, hits=[other]
-        )
-    ]
+    finding = _state_finding(
+        explanation, cause, joint, before, best.by_fold, (parameter,), cause, hits=[other]
+    )
+    return [finding] if finding.is_stated else []
 
 
 def _project_delay(explanation: Explanation, joint: int, time: float) -> Array:

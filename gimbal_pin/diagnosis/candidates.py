@@ -133,9 +133,9 @@ class Candidate:
 
     @cached_property
     def form(self) -> tuple[str, ...]:
-        """Its kind and the shapes along which it is refined: of a slack spring the ends that come taut."""
+        """Its kind and what is not refined of its shape: of a slack spring the ends that come taut."""
         ends = self.cause.list_ends() if isinstance(self.cause, CableSpring) else ()
-        return *self.kind, *ends
+        return *self.kind, *ends, *(str(getattr(self.cause, name)) for name in self.cause.chosen)
 
     def is_admissible(self, coefficients: Array, friction: Array) -> bool:
         """Return whether such coefficients are physically possible.

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from math import log
 
 import numpy as np
@@ -23,7 +24,6 @@ from gimbal_pin.diagnosis.candidates import LOG_PRIORS, RESONANCE_BAND, Candidat
 from gimbal_pin.diagnosis.problem import SHIFT, Problem, compute_torque
 from gimbal_pin.diagnosis.score import BlockFit, compare_fits
 from gimbal_pin.diagnosis.search import Hit, Search, Solution, compute_solution_gain
-from gimbal_pin.diagnosis.uncertainty import compute_white_covariance
 from gimbal_pin.effects import (
     ActuatorLag,
     Backlash,
@@ -41,7 +41,7 @@ from gimbal_pin.log.log import Array
 STEPS = {
     "saturation": {"limit": 1.1},
     "dead-zone": {"width": 1.15},
-    "backlash": {"gap": 2.0},
+    "backlash": {"gap": 2.0, "rotor_share": 1.5},
     "joint-flexibility": {"frequency": 1.15, "damping": 2.0, "rotor_share": 1.5},
     "delay": {"time": 1.4},
     "actuator-lag": {"time_constant": 1.4},
@@ -54,6 +54,10 @@ ROUNDS = 8
 time."""
 HIGHEST_LIMIT = 2.0
 """Highest limit that is tried, as a share of the largest torque: a soft one beyond bends it by less than an eighth."""
+MOVES: tuple[float, ...] = (1 / 2, 1 / 3, 2 / 3)
+"""Shares of a stretch by which residuals are moved to imitate noise: half for a filter, thirds to meet chance twice."""
+SLOPE_STEP = 1.01
+"""Factor of a shape parameter by which the slope of the acting torque is computed."""
 SMALLEST_INERTIA = 1e-9
 """Inertia below which a joint has none, kg m²: its logarithm must exist."""
 
@@ -131,7 +135,7 @@ class DriveTest:
     def measure(self, causes: Sequence[Cause], log_prior: float) -> list[Drive]:
         """Return what drives gain beside the model."""
         signals = [x for x in causes if isinstance(x, Signal)]
-        torques = self._compute_acting_torques(signals)
+        torques = self.compute_acting_torques(signals)
         if not torques:
             return []
         drives = list[Drive]()
@@ -181,7 +185,7 @@ class DriveTest:
             acting.append(signal.along(command, part.dt, borne))
         return acting
 
-    def _compute_acting_torques(self, signals: Sequence[Signal]) -> list[Sequence[Array]]:
+    def compute_acting_torques(self, signals: Sequence[Signal]) -> list[Sequence[Array]]:
         """Return the torque that acts behind each drive along each stretch, N m, (m,)."""
         read_log = [x for x in signals if x.abrupt or not x.geared]
         new = [x for x in read_log if x not in self.known]
@@ -205,7 +209,7 @@ class DriveTest:
         """Return whether the joint's inertia is known to half of itself, by two deviations."""
         problem = self.search.problem
         direction = problem.inertia[self.joint]
-        covariance = compute_white_covariance(fit)[: problem.base_count, : problem.base_count]
+        covariance = fit.white_covariance[: problem.base_count, : problem.base_count]
         inertia = compute_inertia(problem, self.solution, self.joint, fit)
         std = np.sqrt(direction @ covariance @ direction)
         settings = problem.settings
@@ -250,15 +254,17 @@ class DriveTest:
         if not self.search.is_clear(best.hit, self.search.problem.settings.gain_nats):
             return best
         forms = best.signal.akin(self.search.problem.ranges[self.joint])
+        prior -= log(max(len(forms), 1))
         return max([best, *self.measure(forms, prior)], key=_get_score)
 
     def discount_noise(self, found: Drive) -> Hit:
-        """Return a drive's gain less what it gains on a torque that it leaves alone but for noise.
+        """Return a drive's gain less what it gains on torques that it leaves alone but for noise.
 
-        A lag, a limit or a gap takes noise out of a torque as well, which is no sign of it. The imitated torque is that
-        of the model with the drive, with its residual moved by half of each stretch. For a smooth drive it is also that
-        of the model without: the residual there is noise, or has the structure of which a true drive leaves nothing. A
-        spring has to gain something even if all of the error is noise of the acceleration.
+        A lag takes noise out of a torque as well, and of the shapes of a limit or a gap, which do so by chance, the
+        best was chosen: so it is from noise. The imitated torques are that of the model with the drive, with its
+        residual moved along each stretch. For a smooth drive they are also that of the model without: the residual
+        there is noise, or has the structure of which a true drive leaves nothing. A spring has to gain something even
+        if all of the error is noise of the acceleration.
         """
         problem = self.search.problem
         fit = self.solution.fit
@@ -267,11 +273,18 @@ class DriveTest:
         models = [(with_drive, found.torque)]
         if found.signal.linear or getattr(found.signal, "knee", 0.0) > 0.0:
             models.append((list(self.solution.torque), self.commands))
-        for torque, acting in models:
+        signals = [found.signal]
+        moves = MOVES[:1]
+        if not found.signal.linear:
+            shapes = list_drives(type(found.signal), found.signal.place, problem.ranges[self.joint])
+            signals += [x for x in shapes if isinstance(x, Signal)]
+            moves = MOVES[1:]
+        for (torque, acting), share in product(models, moves):
             own = [x[:, self.joint] for x in torque]
-            imitated = [x + np.roll(y - x, len(y) // 2) for x, y in zip(own, acting)]
-            passed = self.pass_commands(found.signal, imitated)
-            noise = float(self.measure_gain(*self.fit_torques([imitated, passed])).sum())
+            imitated = [x + np.roll(y - x, int(share * len(y))) for x, y in zip(own, acting)]
+            passed = [self.pass_commands(signal, imitated) for signal in signals]
+            plain, *fits = self.fit_torques([imitated, *passed])
+            noise = max(float(self.measure_gain(plain, x).sum()) for x in fits)
             gain = np.minimum(gain, found.hit.by_fold - max(noise, 0.0) / len(gain))
         filtered = float(fit.rows[:, self.joint].sum()) * _average_log_response(
             problem, found.signal
@@ -334,7 +347,8 @@ def find_drives(search: Search, final: Solution, joint: int) -> list[Drive]:
         ]
         for drive in clear:
             sure = test.discount_noise(drive)
-            if search.is_clear(sure, nats) and not _is_short(search, final, drive, joint):
+            is_other = _is_short(search, final, drive, joint) or _is_damped_out(drive)
+            if search.is_clear(sure, nats) and not is_other:
                 others = tuple(x.hit for x in clear if x is not drive)
                 drives.append(replace(drive, gain=sure.by_fold, others=others))
     return sorted(drives, key=lambda x: -(float(x.gain.sum()) + x.hit.candidate.log_prior))
@@ -348,9 +362,32 @@ def _is_short(search: Search, solution: Solution, drive: Drive, joint: int) -> b
     return isinstance(drive.signal, Delay | ActuatorLag) and late <= problem.settings.shift_seconds
 
 
+def _is_damped_out(drive: Drive) -> bool:
+    """Return whether a spring's damping has run to its bound: nothing swings there, and it is a filter of noise."""
+    bounds = {x.name: x.upper for x in drive.signal.shapes}
+    return getattr(drive.signal, "damping", 0.0) >= bounds.get("damping", np.inf)
+
+
 def compute_drive_gain(search: Search, before: Solution, after: Solution, drive: Drive) -> Array:
     """Return the gain of a model with a drive in predicting the acceleration, by fold, nats, (K,)."""
     joint = drive.hit.candidate.joint
     assert joint is not None
     old, new = (compute_inertia(search.problem, x, joint) for x in (before, after))
     return compare_fits(before.fit, after.fit) + before.fit.rows[:, joint] * log(new / old)
+
+
+def compute_slopes(search: Search, solution: Solution, drive: Drive) -> dict[str, Array]:
+    """Return how the acting torque changes with the logarithm of each shape of a drive that is not zero, N m, (N,)."""
+    joint = drive.hit.candidate.joint
+    assert joint is not None
+    signal = drive.signal
+    test = DriveTest(search, solution, joint)
+    slopes = dict[str, Array]()
+    for name in (x.name for x in signal.shapes if getattr(signal, x.name) > 0):
+        value = getattr(signal, name)
+        pair = [signal.altered(**{name: value * x}) for x in (1 / SLOPE_STEP, SLOPE_STEP)]
+        low, high = test.compute_acting_torques(pair)
+        span = log(getattr(pair[1], name) / getattr(pair[0], name))
+        rows = [(y - x)[:, None] / span for x, y in zip(low, high)]
+        slopes[name] = search.problem.rows.project(rows, joint)[:, 0]
+    return slopes

@@ -32,6 +32,7 @@ from gimbal_pin.diagnosis.search import (
     sum_squares_by_fold,
 )
 from gimbal_pin.diagnosis.settings import Settings
+from gimbal_pin.diagnosis.structure import measure_curve
 from gimbal_pin.diagnosis.uncertainty import compute_covariance
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import BaseTilt
@@ -155,11 +156,7 @@ def search_rows(
     first = rough.solve((), rough.solve(()))
     whitening = estimate_noise(problem, first.torque)
     explanation = _search(Search(problem, whitening, tuple(list_rig_changes(problem, platforms))))
-    least = settings.material_share * problem.torque_rms
-    for j in problem.joints:
-        if explanation.rest[j].left > least[j] and problem.ranges[j].peak > 0.0:
-            explanation = _add_drive(explanation, j)
-    return explanation
+    return _add_drives(explanation, problem.joints)
 
 
 def _search(search: Search, shelves: Sequence[Shelf] = ()) -> Explanation:
@@ -171,11 +168,24 @@ def _search(search: Search, shelves: Sequence[Shelf] = ()) -> Explanation:
     return Explanation(search, found, rest, search.problem, found.first)
 
 
+def _add_drives(before: Explanation, joints: Sequence[int]) -> Explanation:
+    """Return an explanation with drives at some joints, each confirmed beside all others."""
+    problem = before.search.problem
+    least = problem.settings.material_share * problem.torque_rms
+    after = before
+    for j in joints:
+        if after.rest[j].left > least[j] and problem.ranges[j].peak > 0.0:
+            after = _add_drive(after, j)
+    unsure = [x.hit.candidate.joint for x in after.commands if not _is_confirmed(after, x)]
+    return _add_drives(before, [j for j in joints if j not in unsure]) if unsure else after
+
+
 def _add_drive(before: Explanation, joint: int) -> Explanation:
     """Return an explanation with a drive at a joint, where that predicts its acceleration better.
 
     Behind each of the likeliest drives the whole search is repeated. A drive must lower the joint's error as a share of
-    the torque that acts, by a material part of it.
+    the torque that acts, by a material part of it. It alters the torque by which all else is judged, so that one which
+    does not explain enough for a name is not kept.
     """
     search = before.search
     old = before.found.final
@@ -196,9 +206,9 @@ def _add_drive(before: Explanation, joint: int) -> Explanation:
         rows = problem.measured + problem.target - search.problem.target
         share = level / float(problem.compute_rms(rows[problem.rows.inner])[joint])
         lowered = old.errors[joint] ** 2 - (share * new.errors[joint]) ** 2
-        if worth > most and lowered > least**2:
+        drive = replace(drive, gain=gain, before=float(old.errors[joint]))
+        if worth > most and lowered > least**2 and _is_confirmed(after, drive):
             most = worth
-            drive = replace(drive, gain=gain, before=float(old.errors[joint]))
             best = replace(
                 after,
                 original=before.original,
@@ -206,3 +216,15 @@ def _add_drive(before: Explanation, joint: int) -> Explanation:
                 commands=(*before.commands, drive),
             )
     return best
+
+
+def _is_confirmed(explanation: Explanation, drive: Drive) -> bool:
+    """Return whether a drive's gain is clear and explains as much of the predictable error as a name asks for."""
+    search = explanation.search
+    final = explanation.found.final
+    joint = drive.hit.candidate.joint
+    assert joint is not None
+    after = measure_curve(search, final, joint, drive.signal.name) * float(final.errors[joint])
+    share = explanation.rest[joint].compute_share(drive.before, after)
+    deviations = search.least_deviations * float(compute_standard_error(drive.gain))
+    return share >= search.problem.settings.name_share and float(drive.gain.sum()) >= deviations

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gimbal_pin.diagnosis.explanation import Explanation
-from gimbal_pin.diagnosis.uncertainty import compute_white_covariance
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.identification import (
@@ -39,7 +38,7 @@ def compute_base_difference(explanation: Explanation, model: Model) -> BaseDiffe
         reduction=problem.reduction,
         change=model.estimated.theta[: problem.base_count] - problem.urdf,
         covariance=explanation.covariance[own],
-        weighting=compute_white_covariance(explanation.found.final.fit)[own],
+        weighting=explanation.found.final.fit.white_covariance[own],
     )
 
 

@@ -30,6 +30,17 @@ class Rest:
     groups: tuple[str, ...] = ()
     bursts: Bursts = NO_BURSTS
 
+    def compute_share(self, before: float, after: float) -> float:
+        """``(e_0² - e_1²)/(e_0² - e_min²)``: share of the predictable error power that a cause explains.
+
+        Args:
+            before: Held-out error without the cause, N m.
+            after: The same with it.
+        """
+        least = self.left**2 - self.suspected**2
+        explained = max(before**2 - after**2, 0.0)
+        return explained / max(before**2 - min(least, after**2), 1e-300)
+
 
 def describe_rest(search: Search, solution: Solution) -> list[Rest]:
     """Return what a model leaves at each joint."""

@@ -229,6 +229,11 @@ class BlockFit:
         return np.asarray(self.inverses[-1])
 
     @property
+    def white_covariance(self) -> Array:
+        """``H⁻¹``, (p, p): the covariance of θ if the whitened residual were white."""
+        return np.asarray(self.inverse / np.outer(self.norms, self.norms))
+
+    @property
     def covariance(self) -> Array:
         """Covariance of θ under noise whose correlation is shorter than a fold, (p, p).
 

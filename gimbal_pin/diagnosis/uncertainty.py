@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import log, sqrt
+
 import numpy as np
 
 from gimbal_pin.diagnosis.candidates import REFINEMENTS, Candidate, vary_shape
+from gimbal_pin.diagnosis.commands import Drive, compute_slopes
 from gimbal_pin.diagnosis.problem import build_precision
 from gimbal_pin.diagnosis.score import BlockFit, fit_blocks, split_folds
 from gimbal_pin.diagnosis.search import Search, Solution
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import build_discrepancy_columns, fit_misfit, propagate_misfit
 
 SHAPE_STEP = 1.01
 """Factor of the shape parameter by which its derivative is computed: a central difference errs by 1e-4 of it."""
-
-
-def compute_white_covariance(fit: BlockFit) -> Array:
-    """Return ``H⁻¹``, (p, p): the covariance of a fit's coefficients if its whitened residual were white."""
-    return np.asarray(fit.inverse / np.outer(fit.norms, fit.norms))
+LARGEST_VARIANCE = 100.0
+"""Largest variance of a shape's logarithm: beyond it its exponential may overflow, and the bounds count anyway."""
 
 
 def compute_covariance(search: Search, solution: Solution) -> Array:
@@ -78,19 +80,50 @@ def compute_shape_covariance(
         search.build_columns(x, solution.torque, theta).rows[joint] @ theta[places] for x in varied
     )
     span = getattr(varied[1].cause, name) - getattr(varied[0].cause, name)
-    base = [np.column_stack([B, np.zeros(len(B))]) for B in solution.base]
-    base[joint][:, -1] = (high - low) / span
-    rows = problem.rows
-    fit = fit_blocks(
-        [search.whitening.apply(rows, B, j) for j, B in enumerate(base)],
-        solution.fit.target,
-        rows.folds,
-        rows.count_effective_rows(),
-        np.append(build_precision(problem, solution.columns), 0.0),
-        solution.fit.weight,
-    )
-    white = compute_white_covariance(fit)[:, -1]
+    column = (high - low)[:, None] / span
+    fit = _fit_with_slopes(search, solution, joint, column, np.zeros(1))
+    white = fit.white_covariance[:, -1]
     slope = white[np.append(places, True)] / white[-1]
     shaped = fit.covariance[-1, -1] * np.outer(slope, slope)
     shaped[:-1, :-1] += covariance
     return np.asarray(shaped)
+
+
+def size_drive(search: Search, solution: Solution, drive: Drive) -> tuple[Parameter, ...]:
+    """Return a drive's shape parameters with their deviations.
+
+    To first order another shape adds the columns ``∂g/∂log s``, g the torque that acts. Before the log is seen, log s
+    is as uncertain as its bounds; s itself, log-normal, is no more so after it. So two shapes of which the log shows
+    nothing but the product are both unknown.
+    """
+    slopes = compute_slopes(search, solution, drive)
+    shown = drive.signal.shown()
+    shapes = [p for p in shown if p.name in slopes]
+    precision = [12.0 / log(p.upper / p.lower) ** 2 if p.lower > 0 else 0.0 for p in shapes]
+    columns = np.column_stack([slopes[p.name] for p in shapes])
+    joint = drive.hit.candidate.joint or 0
+    fit = _fit_with_slopes(search, solution, joint, columns, np.array(precision))
+    variances = np.minimum(np.diag(fit.covariance)[-len(shapes) :], LARGEST_VARIANCE)
+    relative = np.sqrt(np.expm1(variances) * np.exp(variances)).tolist()
+    sized = {
+        p.name: replace(p, std=min(x * p.value, (p.upper - p.lower) / sqrt(12.0)))
+        for p, x in zip(shapes, relative)
+    }
+    return tuple(sized.get(p.name, p) for p in shown)
+
+
+def _fit_with_slopes(
+    search: Search, solution: Solution, joint: int, slopes: Array, precision: Array
+) -> BlockFit:
+    """Return the fit of a model with more columns at a joint, (N, k), the last of its own."""
+    rows = search.problem.rows
+    base = [np.column_stack([B, np.zeros((len(B), len(precision)))]) for B in solution.base]
+    base[joint][:, -len(precision) :] = slopes
+    return fit_blocks(
+        [search.whitening.apply(rows, B, j) for j, B in enumerate(base)],
+        solution.fit.target,
+        rows.folds,
+        rows.count_effective_rows(),
+        np.append(build_precision(search.problem, solution.columns), precision),
+        solution.fit.weight,
+    )

@@ -44,6 +44,7 @@ class Stribeck(Effect):
             meaning="rate at which the extra friction has fallen to 37 %",
         ),
     )
+    chosen: ClassVar[tuple[str, ...]] = ("exponent",)
     linear: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             "extra",
