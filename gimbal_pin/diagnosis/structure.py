@@ -16,9 +16,15 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, find_peaks, lfilter, sosfiltfilt
 
+from gimbal_pin.diagnosis.candidates import Candidate
 from gimbal_pin.diagnosis.problem import Problem
 from gimbal_pin.diagnosis.rows import Indices
-from gimbal_pin.diagnosis.score import compute_standard_error, pack_columns, split_folds
+from gimbal_pin.diagnosis.score import (
+    GROUP_RIDGE,
+    compute_standard_error,
+    pack_columns,
+    split_folds,
+)
 from gimbal_pin.diagnosis.search import Search, Solution
 from gimbal_pin.log.log import Array
 
@@ -32,6 +38,8 @@ RINGING_DAMPING = 0.08
 """Damping ratio of these: as wide as two are apart."""
 RIDGES = (3.0, 0.3)
 """Ridges on the columns of unit norm that are tried; the last is that of a group alone."""
+FORCE_RIDGES = (0.03, 3e-4)
+"""The same for a force in the place of causes: what it holds is large against what is left, and wants a weak prior."""
 JOINED = (1, 2, 4, 7)
 """Numbers of the best groups that are joined: roughly twice as many each time."""
 LINES = 6
@@ -199,6 +207,24 @@ CURVES: dict[str, Function] = {
 Any friction over load or rate is friction over these. A force over the angle need be no spring.
 """
 
+FORCES = (
+    ("angle",),
+    ("places",),
+    ("angle by direction",),
+    ("places by direction",),
+    ("angle", "angle by direction"),
+    ("places", "places by direction"),
+    ("rate",),
+    ("angle and rate",),
+    ("hysteresis",),
+    ("load",),
+    ("fine load",),
+    ("load", "fine load", "load and rate"),
+    ("load and angle",),
+    ("torques over angle",),
+)
+"""Groups of functions that together are one force of any form over angle, direction, rate, way or load."""
+
 
 def list_surroundings(problem: Problem, joint: int, torque: Sequence[Array]) -> list[Surroundings]:
     """Return what the functions at a joint read along each stretch; `torque`: a model's, N m, (m, n) per stretch."""
@@ -277,6 +303,76 @@ def measure_curve(search: Search, solution: Solution, joint: int, name: str) -> 
     states = list_surroundings(search.problem, joint, solution.torque)
     groups = _whiten_functions(search, joint, states, {name: CURVES[name]})
     return min(_measure_groups(solution, joint, [groups[name]], RIDGES[-1])[0][-1], 1.0)
+
+
+class Force(NamedTuple):
+    """Columns beside a model.
+
+    Attributes:
+        by_fold: Their held-out gain, nats, (K,).
+        left: Share of the joint's squared held-out error that they leave.
+    """
+
+    by_fold: Array
+    left: float
+
+
+def _measure_force(without: Solution, joint: int, columns: Array, ridges: Sequence[float]) -> Force:
+    """Return what columns at a joint gain beside a model, with the best of some ridges."""
+    fit = without.fit
+    pack = pack_columns({joint: columns}, fit.folds)
+    best = max((fit.measure(pack, ridge) for ridge in ridges), key=lambda x: x.total[0])
+    squares = best.errors[0, :, joint].sum()
+    return Force(best.by_fold[0], float(squares / fit.squared_errors[:, joint].sum()))
+
+
+def find_misshapen_causes(
+    search: Search, solution: Solution, joint: int, findings: Sequence[Sequence[Candidate]]
+) -> list[bool]:
+    """Return which findings at a joint are no more than a part of one force of another form.
+
+    One force over few variables must predict clearly better than all of the findings together, their priors paid. A
+    finding is then a part of it where it alone leaves more of what the force explains than its form may be wrong by. A
+    cause that may have any form over its own variable has the best one.
+
+    Args:
+        search: The search.
+        solution: The model with them.
+        joint: The joint.
+        findings: Accepted causes of each.
+    """
+    problem = search.problem
+    settings = problem.settings
+    together = [cause for causes in findings for cause in causes]
+    without = search.fit_without(solution, together)
+    prior = sum(cause.log_prior for cause in together) + float(np.log(len(FORCES)))
+    gain = search.measure_causes(solution, without, together)
+    states = list_surroundings(problem, joint, solution.torque)
+    groups = _whiten_functions(search, joint, states, GROUPS)
+    better = list[float]()
+    for names in FORCES:
+        force = _measure_force(
+            without, joint, np.hstack([groups[name] for name in names]), FORCE_RIDGES
+        )
+        more = force.by_fold - gain
+        error = search.count_deviations(1) * float(compute_standard_error(more))
+        if more.sum() - prior > max(settings.kept_nats, error):
+            better.append(force.left)
+    if not better:
+        return [False for _ in findings]
+    most = min(better)
+    misshapen = list[bool]()
+    for causes in findings:
+        places = solution.find_places(causes, problem)
+        own = search.whitening.apply(problem.rows, solution.base[joint][:, places], joint)
+        left = _measure_force(without, joint, own, (GROUP_RIDGE,)).left
+        name = causes[0].name
+        if name in CURVES:
+            curve = _whiten_functions(search, joint, states, {name: CURVES[name]})[name]
+            columns = np.hstack([own, curve])
+            left = min(left, _measure_force(without, joint, columns, FORCE_RIDGES).left)
+        misshapen.append(left - most > settings.cause_form_error**2 * (1.0 - most))
+    return misshapen
 
 
 class Structure(NamedTuple):
