@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -25,8 +25,10 @@ from gimbal_pin.diagnosis.score import (
     pack_columns,
     split_folds,
 )
-from gimbal_pin.diagnosis.search import Search, Solution
 from gimbal_pin.log.log import Array
+
+if TYPE_CHECKING:
+    from gimbal_pin.diagnosis.search import Search, Solution
 
 MEMORY_SECONDS = (0.03, 0.1, 0.3, 1.0, 3.0)
 """Time constants of the memories of the motion and of the load, s."""
@@ -207,6 +209,22 @@ CURVES: dict[str, Function] = {
 Any friction over load or rate is friction over these. A force over the angle need be no spring.
 """
 
+OWN_GROUPS: dict[str, tuple[str, ...]] = {
+    "torque-bias": (),
+    "armature": (),
+    "cable-spring": ("angle", "places"),
+    "cogging": ("angle", "places"),
+    "position-dependent-friction": ("angle by direction", "places by direction"),
+    "stribeck": ("rate",),
+    "quadratic-drag": ("rate",),
+    "asymmetric-friction": ("rate",),
+    "load-dependent-friction": ("load", "fine load"),
+    "torque-gain": ("load", "fine load"),
+    "torque-ripple": ("torques over angle", "load and angle"),
+    "presliding": ("hysteresis",),
+    "friction-drift": ("slow time",),
+}
+"""Name of a cause → groups of functions of its own variable, over which its form may be another."""
 FORCES = (
     ("angle",),
     ("places",),
@@ -326,6 +344,26 @@ def _measure_force(without: Solution, joint: int, columns: Array, ridges: Sequen
     return Force(best.by_fold[0], float(squares / fit.squared_errors[:, joint].sum()))
 
 
+def measure_beside_forms(search: Search, solution: Solution, joint: int, columns: Array) -> Array:
+    """Return what columns (N, k) gain beside a model whose causes at a joint may have any form, by fold, nats, (K,).
+
+    Other forms of these are in the model where they gain something themselves.
+    """
+    white = search.whitening.apply(search.problem.rows, columns, joint)
+    causes = [cause.name for cause in solution.accepted if cause.joint == joint]
+    names = dict.fromkeys(group for name in causes for group in OWN_GROUPS.get(name, ()))
+    if names:
+        states = list_surroundings(search.problem, joint, solution.torque)
+        groups = _whiten_functions(search, joint, states, {name: GROUPS[name] for name in names})
+        forms = np.hstack([*groups.values()])
+        ridges = (RIDGES[-1], *FORCE_RIDGES)
+        alone = _measure_force(solution, joint, forms, ridges).by_fold
+        if alone.sum() > 0:
+            both = _measure_force(solution, joint, np.hstack([white, forms]), ridges).by_fold
+            return np.asarray(both - alone)
+    return _measure_force(solution, joint, white, (GROUP_RIDGE,)).by_fold
+
+
 def find_misshapen_causes(
     search: Search, solution: Solution, joint: int, findings: Sequence[Sequence[Candidate]]
 ) -> list[bool]:
@@ -371,7 +409,7 @@ def find_misshapen_causes(
             curve = _whiten_functions(search, joint, states, {name: CURVES[name]})[name]
             columns = np.hstack([own, curve])
             left = min(left, _measure_force(without, joint, columns, FORCE_RIDGES).left)
-        misshapen.append(left - most > settings.cause_form_error**2 * (1.0 - most))
+        misshapen.append(left - most > settings.material_share * (1.0 - most))
     return misshapen
 
 
@@ -409,6 +447,7 @@ def find_structure(search: Search, solution: Solution, joint: int) -> Structure:
     names = [x.groups[0] for x in alone if x.gain > 0]
     joined = [tuple(names[:count]) for count in JOINED if count <= len(names)]
     tried = [x for ridge in RIDGES if joined for x in attempt(joined, ridge)]
+    tried += [x for ridge in FORCE_RIDGES for x in attempt(FORCES, ridge)]
     return max([alone[0], *tried], key=lambda x: x.gain)
 
 
