@@ -60,7 +60,7 @@ class Settings:
             then may be unknown.
         cause_form_error: Error of form of an accepted cause that no free curve of its own variable stands for, as a
             share of the torque that it explains, rms: further causes at the joint must exceed it. Chosen on the
-            development logs. Half states weaker causes beside flexible joints and changes of bodies; twice the opposite.
+            development logs. Half states weaker causes beside flexible joints and changes of bodies; twice fewer.
         unwhitened_share: Share of its least torque by which a cause must lower the error before whitening. Chosen on
             the development logs. Half keeps causes whose gain lies at frequencies of little torque; twice asks for all
             of the least torque in the error itself.
