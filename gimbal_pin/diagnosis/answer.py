@@ -30,8 +30,6 @@ from gimbal_pin.log.log import Array
 
 DELAY_PASSES = 3
 """Fits until a delay's column is built for the time that it is fitted at."""
-OVER_ANGLE = ("cable-spring", "cogging", "position-dependent-friction")
-"""Causes whose forces at a joint are together one force over its angle and direction."""
 
 
 def list_findings(explanation: Explanation) -> list[Finding]:
@@ -80,16 +78,12 @@ def choose_verdict(findings: Sequence[Finding], rest: Sequence[Rest]) -> str:
 
 
 def _find_misshapen(search: Search, final: Solution, contests: Sequence[Contest]) -> list[Contest]:
-    """Return findings that are parts of one other force, with all at the joint or with those over its angle."""
+    """Return findings that are parts of one other force; offsets and rotors have no other form."""
     misshapen = list[Contest]()
     for joint in search.problem.joints:
-        own = [x for x in contests if x.own[0].joint == joint]
-        over_angle = [x for x in own if x.name in OVER_ANGLE]
-        for together in (own, over_angle if len(over_angle) < len(own) else ()):
-            if together:
-                causes = [x.own for x in together]
-                flags = find_misshapen_causes(search, final, joint, causes)
-                misshapen += [x for x, flag in zip(together, flags) if flag]
+        own = [x for x in contests if x.own[0].joint == joint and not x.own[0].is_ordinary]
+        flags = find_misshapen_causes(search, final, joint, [x.own for x in own])
+        misshapen += [x for x, flag in zip(own, flags) if flag]
     return misshapen
 
 

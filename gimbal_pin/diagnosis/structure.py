@@ -291,10 +291,15 @@ def project_functions(
 
 
 def _whiten_functions(
-    search: Search, joint: int, states: Sequence[Surroundings], groups: Mapping[str, Function]
+    search: Search,
+    solution: Solution,
+    joint: int,
+    groups: Mapping[str, Function],
+    states: Sequence[Surroundings] = (),
 ) -> dict[str, Array]:
-    """Return the whitened inner rows of groups of functions at a joint."""
+    """Return the whitened inner rows of groups of functions at a joint beside a model."""
     problem = search.problem
+    states = states or list_surroundings(problem, joint, solution.torque)
     rows = project_functions(problem, joint, states, groups)
     return {name: search.whitening.apply(problem.rows, x, joint) for name, x in rows.items()}
 
@@ -314,15 +319,6 @@ def _measure_groups(
     return figures
 
 
-def measure_curve(search: Search, solution: Solution, joint: int, name: str) -> float:
-    """Return the share of a joint's held-out error, rms, that a curve of a cause's own variable leaves of a model's."""
-    if name not in CURVES:
-        return 1.0
-    states = list_surroundings(search.problem, joint, solution.torque)
-    groups = _whiten_functions(search, joint, states, {name: CURVES[name]})
-    return min(_measure_groups(solution, joint, [groups[name]], RIDGES[-1])[0][-1], 1.0)
-
-
 class Force(NamedTuple):
     """Columns beside a model.
 
@@ -335,13 +331,21 @@ class Force(NamedTuple):
     left: float
 
 
-def _measure_force(without: Solution, joint: int, columns: Array, ridges: Sequence[float]) -> Force:
-    """Return what columns at a joint gain beside a model, with the best of some ridges."""
-    fit = without.fit
+def _measure_force(model: Solution, joint: int, columns: Array, ridges: Sequence[float]) -> Force:
+    """Return what whitened columns at a joint gain beside a model, with the best of some ridges."""
+    fit = model.fit
     pack = pack_columns({joint: columns}, fit.folds)
     best = max((fit.measure(pack, ridge) for ridge in ridges), key=lambda x: x.total[0])
-    squares = best.errors[0, :, joint].sum()
-    return Force(best.by_fold[0], float(squares / fit.squared_errors[:, joint].sum()))
+    squares = float(best.errors[0, :, joint].sum())
+    return Force(best.by_fold[0], squares / max(float(fit.squared_errors[:, joint].sum()), 1e-300))
+
+
+def measure_curve(search: Search, solution: Solution, joint: int, name: str) -> float:
+    """Return the share of a joint's held-out error, rms, that a curve of a cause's own variable leaves of a model's."""
+    if name not in CURVES:
+        return 1.0
+    curve = _whiten_functions(search, solution, joint, {name: CURVES[name]})[name]
+    return min(float(np.sqrt(_measure_force(solution, joint, curve, RIDGES[-1:]).left)), 1.0)
 
 
 def measure_beside_forms(search: Search, solution: Solution, joint: int, columns: Array) -> Array:
@@ -353,8 +357,7 @@ def measure_beside_forms(search: Search, solution: Solution, joint: int, columns
     causes = [cause.name for cause in solution.accepted if cause.joint == joint]
     names = dict.fromkeys(group for name in causes for group in OWN_GROUPS.get(name, ()))
     if names:
-        states = list_surroundings(search.problem, joint, solution.torque)
-        groups = _whiten_functions(search, joint, states, {name: GROUPS[name] for name in names})
+        groups = _whiten_functions(search, solution, joint, {name: GROUPS[name] for name in names})
         forms = np.hstack([*groups.values()])
         ridges = (RIDGES[-1], *FORCE_RIDGES)
         alone = _measure_force(solution, joint, forms, ridges).by_fold
@@ -367,11 +370,11 @@ def measure_beside_forms(search: Search, solution: Solution, joint: int, columns
 def find_misshapen_causes(
     search: Search, solution: Solution, joint: int, findings: Sequence[Sequence[Candidate]]
 ) -> list[bool]:
-    """Return which findings at a joint are no more than a part of one force of another form.
+    """Return which findings at a joint are parts of one force of another form.
 
     One force over few variables must predict clearly better than all of the findings together, their priors paid. A
-    finding is then a part of it where it alone leaves more of what the force explains than its form may be wrong by. A
-    cause that may have any form over its own variable has the best one.
+    finding is a part of it where it alone leaves more than `Settings.material_share` of the power that the force
+    explains. A cause that may have any form over its own variable has the best one.
 
     Args:
         search: The search.
@@ -379,38 +382,38 @@ def find_misshapen_causes(
         joint: The joint.
         findings: Accepted causes of each.
     """
+    if not findings:
+        return []
     problem = search.problem
     settings = problem.settings
     together = [cause for causes in findings for cause in causes]
     without = search.fit_without(solution, together)
     prior = sum(cause.log_prior for cause in together) + float(np.log(len(FORCES)))
     gain = search.measure_causes(solution, without, together)
-    states = list_surroundings(problem, joint, solution.torque)
-    groups = _whiten_functions(search, joint, states, GROUPS)
-    better = list[float]()
-    for names in FORCES:
-        force = _measure_force(
-            without, joint, np.hstack([groups[name] for name in names]), FORCE_RIDGES
-        )
+    groups = _whiten_functions(search, solution, joint, GROUPS)
+
+    def is_better(force: Force) -> bool:
         more = force.by_fold - gain
         error = search.count_deviations(1) * float(compute_standard_error(more))
-        if more.sum() - prior > max(settings.kept_nats, error):
-            better.append(force.left)
-    if not better:
-        return [False for _ in findings]
-    most = min(better)
-    misshapen = list[bool]()
-    for causes in findings:
+        return bool(more.sum() - prior > max(settings.kept_nats, error))
+
+    columns = (np.hstack([groups[name] for name in names]) for names in FORCES)
+    forces = [_measure_force(without, joint, x, FORCE_RIDGES) for x in columns]
+    least = min((force.left for force in forces if is_better(force)), default=1.0)
+
+    def leave(causes: Sequence[Candidate]) -> float:
         places = solution.find_places(causes, problem)
         own = search.whitening.apply(problem.rows, solution.base[joint][:, places], joint)
         left = _measure_force(without, joint, own, (GROUP_RIDGE,)).left
         name = causes[0].name
-        if name in CURVES:
-            curve = _whiten_functions(search, joint, states, {name: CURVES[name]})[name]
-            columns = np.hstack([own, curve])
-            left = min(left, _measure_force(without, joint, columns, FORCE_RIDGES).left)
-        misshapen.append(left - most > settings.material_share * (1.0 - most))
-    return misshapen
+        if name not in CURVES:
+            return left
+        curve = _whiten_functions(search, solution, joint, {name: CURVES[name]})[name]
+        free = _measure_force(without, joint, np.hstack([own, curve]), FORCE_RIDGES)
+        return min(left, free.left)
+
+    most = settings.material_share * (1.0 - least)
+    return [least < 1.0 and leave(causes) - least > most for causes in findings]
 
 
 class Structure(NamedTuple):
@@ -433,7 +436,7 @@ def find_structure(search: Search, solution: Solution, joint: int) -> Structure:
     """Return the best flexible model of a joint beside a model."""
     states = list_surroundings(search.problem, joint, solution.torque)
     lines, costs = _find_lines(search, solution, joint, states)
-    groups = _whiten_functions(search, joint, states, GROUPS | lines)
+    groups = _whiten_functions(search, solution, joint, GROUPS | lines, states)
 
     def attempt(tried: Sequence[tuple[str, ...]], ridge: float) -> list[Structure]:
         columns = [np.hstack([groups[name] for name in names]) for names in tried]
