@@ -455,11 +455,15 @@ def find_causes(search: Search, shelves: Sequence[Shelf] = ()) -> Found:
 
 
 def _is_clear_beside_forms(search: Search, solution: Solution, hit: Hit) -> bool:
-    """Return whether a cause gains clearly where the accepted ones at its joint may have any form."""
-    joint = hit.candidate.joint
-    if joint is None or solution.has_kind(hit.candidate):
+    """Return whether a cause gains clearly where the accepted ones at its joint may have any form.
+
+    Curves imitate a constant or a rotor on a short travel: these pay in torque, see `_compute_needed_torque`.
+    """
+    candidate = hit.candidate
+    joint = candidate.joint
+    if joint is None or candidate.is_ordinary or solution.has_kind(candidate):
         return True
-    columns = search.build_columns(hit.candidate, solution.torque, solution.fit.theta).rows[joint]
+    columns = search.build_columns(candidate, solution.torque, solution.fit.theta).rows[joint]
     by_fold = measure_beside_forms(search, solution, joint, columns)
     return search.is_clear(replace(hit, by_fold=by_fold), search.problem.settings.gain_nats)
 
@@ -475,7 +479,7 @@ def _compute_needed_torque(
     if all(other.joint != joint for other in solution.accepted):
         return least
     near = [other for other in solution.accepted if other.joint in (joint, None)]
-    if all(other.name in OWN_GROUPS for other in near):
+    if not candidate.is_ordinary and all(other.name in OWN_GROUPS for other in near):
         return least
     explained = max(first.errors[joint] ** 2 - solution.errors[joint] ** 2, 0.0)
     return float(np.hypot(least, settings.cause_form_error * np.sqrt(explained)))

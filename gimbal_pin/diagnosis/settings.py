@@ -58,9 +58,10 @@ class Settings:
         harmonic_share: Least torque of a further harmonic of an accepted cause, in `material_share`. Chosen on the
             development logs. Half adds harmonics of half the torque to a finding; twice leaves them in the rest, which
             then may be unknown.
-        cause_form_error: Error of form of an accepted cause that no free curve of its own variable stands for, as a
-            share of the torque that it explains, rms: further causes at the joint must exceed it. Chosen on the
-            development logs. Half states weaker causes beside flexible joints and changes of bodies; twice fewer.
+        cause_form_error: Error of form of an accepted cause, as a share of the torque that it explains, rms. Further
+            causes at the joint must exceed it where no free curve stands for that error: offsets, rotors, and what
+            comes beside flexible joints and changes of bodies. Chosen on the development logs. Half states weaker
+            ones, twice fewer.
         unwhitened_share: Share of its least torque by which a cause must lower the error before whitening. Chosen on
             the development logs. Half keeps causes whose gain lies at frequencies of little torque; twice asks for all
             of the least torque in the error itself.
