@@ -19,8 +19,8 @@ from gimbal_pin.diagnosis.rest import Rest
 from gimbal_pin.diagnosis.result import Finding, Rival
 from gimbal_pin.diagnosis.rivals import Contest, is_close, list_contests, weigh
 from gimbal_pin.diagnosis.score import compute_gain, compute_standard_error
-from gimbal_pin.diagnosis.search import Hit, Search, sum_squares_by_fold
-from gimbal_pin.diagnosis.structure import measure_curve
+from gimbal_pin.diagnosis.search import Hit, Search, Solution, sum_squares_by_fold
+from gimbal_pin.diagnosis.structure import find_misshapen_causes, measure_curve
 from gimbal_pin.diagnosis.uncertainty import size_drive
 from gimbal_pin.diagnosis.visibility import get_joint
 from gimbal_pin.dynamics.reduction import reduce_parameters
@@ -31,20 +31,6 @@ from gimbal_pin.log.log import Array
 
 DELAY_PASSES = 3
 """Fits until a delay's column is built for the time that it is fitted at."""
-OWN_FUNCTIONS = {
-    "cable-spring": ("angle", "places"),
-    "cogging": ("angle", "places"),
-    "position-dependent-friction": ("angle by direction", "places by direction"),
-    "stribeck": ("rate",),
-    "quadratic-drag": ("rate",),
-    "asymmetric-friction": ("rate",),
-    "load-dependent-friction": ("load", "fine load"),
-    "torque-gain": ("load", "fine load"),
-    "torque-ripple": ("torques over angle", "load and angle"),
-    "presliding": ("hysteresis",),
-    "friction-drift": ("slow time",),
-}
-"""Name of a cause → groups of functions of its own variable in the flexible model."""
 
 
 def list_findings(explanation: Explanation) -> list[Finding]:
@@ -52,9 +38,11 @@ def list_findings(explanation: Explanation) -> list[Finding]:
     search = explanation.search
     final = explanation.found.final
     covariance = final.fit.covariance
+    contests = list_contests(search, final, explanation.found.shelves)
+    misshapen = _find_misshapen(search, final, contests)
     findings = [
-        _describe_contest(explanation, contest, covariance)
-        for contest in list_contests(search, final, explanation.found.shelves)
+        _describe_contest(explanation, contest, covariance, contest in misshapen)
+        for contest in contests
         if _is_needed(search, contest)
         and not (explanation.mount is not None and contest.name == BaseTilt.name)
     ]
@@ -90,6 +78,16 @@ def choose_verdict(findings: Sequence[Finding], rest: Sequence[Rest]) -> str:
     return "unknown" if findings or any(joint_rest.is_unknown for joint_rest in rest) else "nothing"
 
 
+def _find_misshapen(search: Search, final: Solution, contests: Sequence[Contest]) -> list[Contest]:
+    """Return findings that are parts of one other force; offsets and rotors have no other form."""
+    misshapen = list[Contest]()
+    for joint in search.problem.joints:
+        own = [x for x in contests if x.own[0].joint == joint and not x.own[0].is_ordinary]
+        flags = find_misshapen_causes(search, final, joint, [x.own for x in own])
+        misshapen += [x for x, flag in zip(own, flags) if flag]
+    return misshapen
+
+
 def _is_needed(search: Search, contest: Contest) -> bool:
     """Return whether a finding's gain beside all others is clear."""
     total = float(contest.gain.sum())
@@ -111,6 +109,7 @@ def _state_finding(
     compared: Array | None = None,
     blurred: Sequence[str] = (),
     least_share: float = 0.0,
+    is_misshapen: bool = False,
 ) -> Finding:
     """Return a finding with its status.
 
@@ -127,6 +126,7 @@ def _state_finding(
         compared: Its gain by fold that the rivals' are compared with; None: `gain`.
         blurred: Causes that the logs' range does not tell from it, beside the rivals.
         least_share: Share of the predictable error that it explains at least, whatever the errors say.
+        is_misshapen: Whether another force predicts clearly better in its place.
     """
     search = explanation.search
     problem = search.problem
@@ -154,10 +154,6 @@ def _state_finding(
     close = [x for x in rivals if is_close(search, x.nats, x.std, x.probability)]
     close.sort(key=lambda rival: -rival.probability)
     alike = dict.fromkeys((name, *(rival.cause for rival in close), *blurred))
-    # Another function of the cause's own variable predicts more than the error of the cause's form.
-    form = settings.cause_form_error * np.sqrt(max(before**2 - after**2, 0.0))
-    reads_own_variable = bool(rest.groups) and rest.groups[0] in OWN_FUNCTIONS.get(name, ())
-    is_misshapen = curve == 1.0 and reads_own_variable and rest.predictable > form
     nats = float(gain.sum())
     std = float(compute_standard_error(gain))
     is_clear = nats >= search.least_deviations * std
@@ -182,7 +178,9 @@ def _state_finding(
     )
 
 
-def _describe_contest(explanation: Explanation, contest: Contest, covariance: Array) -> Finding:
+def _describe_contest(
+    explanation: Explanation, contest: Contest, covariance: Array, is_misshapen: bool
+) -> Finding:
     """Return a cause that was accepted as a finding."""
     problem = explanation.search.problem
     final = explanation.found.final
@@ -209,6 +207,7 @@ def _describe_contest(explanation: Explanation, contest: Contest, covariance: Ar
         log_prior=contest.own[0].log_prior,
         blurred=blurred,
         least_share=eased,
+        is_misshapen=is_misshapen,
     )
 
 

@@ -83,7 +83,7 @@ LARGEST_RIPPLE = 0.5
 SMALLEST_PERIODS = 0.35
 """Periods of a harmonic that must be travelled for it to be tried: a third of one is a bend. Chosen on the development
 logs."""
-HARMONICS = {"cogging": 400, "torque-ripple": 60, "position-dependent-friction": 16}
+HARMONICS = {"cogging": 400, "torque-ripple": 132, "position-dependent-friction": 16}
 """Highest harmonic that is tried, per turn; above 100 the even ones alone. It bounds the grid: more take longer."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,7 @@ from gimbal_pin.diagnosis.score import (
     fit_blocks,
     pack_columns,
 )
+from gimbal_pin.diagnosis.structure import OWN_GROUPS, measure_beside_forms
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Flags
 
@@ -438,6 +439,9 @@ def find_causes(search: Search, shelves: Sequence[Shelf] = ()) -> Found:
             share = float(torque[joint] / problem.torque_rms[joint])
             rejected.append(Rejection(candidate, share))
             continue
+        if not _is_clear_beside_forms(search, solution, best):
+            rejected.append(Rejection(candidate, 0.0))
+            continue
         extended = search.solve((*solution.accepted, candidate), solution)
         lowered = float(solution.errors[joint] ** 2 - extended.errors[joint] ** 2)
         is_of_bodies = candidate.cause.of_given_model
@@ -451,6 +455,20 @@ def find_causes(search: Search, shelves: Sequence[Shelf] = ()) -> Found:
     return Found(first, solution, tuple(rejected), tuple(shelves))
 
 
+def _is_clear_beside_forms(search: Search, solution: Solution, hit: Hit) -> bool:
+    """Return whether a cause gains clearly where the accepted ones at its joint may have any form.
+
+    Curves imitate a constant or a rotor on a short travel: these pay in torque, see `_compute_needed_torque`.
+    """
+    candidate = hit.candidate
+    joint = candidate.joint
+    if joint is None or candidate.is_ordinary or candidate.kind in solution.kinds:
+        return True
+    columns = search.build_columns(candidate, solution.torque, solution.fit.theta).rows[joint]
+    by_fold = measure_beside_forms(search, solution, joint, columns)
+    return search.is_clear(replace(hit, by_fold=by_fold), search.problem.settings.gain_nats)
+
+
 def _compute_needed_torque(
     problem: Problem, first: Solution, solution: Solution, candidate: Candidate, joint: int
 ) -> float:
@@ -460,6 +478,9 @@ def _compute_needed_torque(
     if candidate.kind in solution.kinds:
         return settings.harmonic_share * least
     if all(other.joint != joint for other in solution.accepted):
+        return least
+    near = [other for other in solution.accepted if other.joint in (joint, None)]
+    if not candidate.is_ordinary and all(other.name in OWN_GROUPS for other in near):
         return least
     explained = max(first.errors[joint] ** 2 - solution.errors[joint] ** 2, 0.0)
     return float(np.hypot(least, settings.cause_form_error * np.sqrt(explained)))

@@ -52,14 +52,16 @@ class Settings:
             have, and a rival must lack, nats; `rival_probability` follows. Convention: odds of 20 to 1. Half keeps
             causes and rules rivals out at odds of 4 to 1; twice at 400 to 1, and more findings are ambiguous.
         material_share: Share of a joint's torque, rms, that matters: a cause must explain it, and every model's error
-            of form is taken to be as large. Convention: 1 %. Half states causes of half the torque, some of them errors
-            of form; twice misses causes up to 2 %.
+            of form is taken to be as large. Also the share of power by which one other force must explain more than a
+            finding. Convention: 1 %. Half states causes of half the torque, some of them errors of form; twice misses
+            causes up to 2 %, and names those that leave 2 % of the power of a force.
         harmonic_share: Least torque of a further harmonic of an accepted cause, in `material_share`. Chosen on the
             development logs. Half adds harmonics of half the torque to a finding; twice leaves them in the rest, which
             then may be unknown.
         cause_form_error: Error of form of an accepted cause, as a share of the torque that it explains, rms. Further
-            causes at the joint must exceed it, and another function of the cause's own variable must not. Chosen on the
-            development logs. Half states weaker second causes and confirms fewer first ones; twice the opposite.
+            causes at the joint must exceed it where no free curve stands for that error: offsets, rotors, and what
+            comes beside flexible joints and changes of bodies. Chosen on the development logs. Half states weaker
+            ones, twice fewer.
         unwhitened_share: Share of its least torque by which a cause must lower the error before whitening. Chosen on
             the development logs. Half keeps causes whose gain lies at frequencies of little torque; twice asks for all
             of the least torque in the error itself.

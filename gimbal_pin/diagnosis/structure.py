@@ -10,17 +10,25 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, find_peaks, lfilter, sosfiltfilt
 
+from gimbal_pin.diagnosis.candidates import Candidate
 from gimbal_pin.diagnosis.problem import Problem
 from gimbal_pin.diagnosis.rows import Indices
-from gimbal_pin.diagnosis.score import compute_standard_error, pack_columns, split_folds
-from gimbal_pin.diagnosis.search import Search, Solution
+from gimbal_pin.diagnosis.score import (
+    GROUP_RIDGE,
+    compute_standard_error,
+    pack_columns,
+    split_folds,
+)
 from gimbal_pin.log.log import Array
+
+if TYPE_CHECKING:
+    from gimbal_pin.diagnosis.search import Search, Solution
 
 MEMORY_SECONDS = (0.03, 0.1, 0.3, 1.0, 3.0)
 """Time constants of the memories of the motion and of the load, s."""
@@ -32,6 +40,8 @@ RINGING_DAMPING = 0.08
 """Damping ratio of these: as wide as two are apart."""
 RIDGES = (3.0, 0.3)
 """Ridges on the columns of unit norm that are tried; the last is that of a group alone."""
+FORCE_RIDGES = (0.03, 3e-4)
+"""The same for a force in the place of causes: what it holds is large against what is left, and wants a weak prior."""
 JOINED = (1, 2, 4, 7)
 """Numbers of the best groups that are joined: roughly twice as many each time."""
 LINES = 6
@@ -202,6 +212,40 @@ CURVES: dict[str, Function] = {
 Any friction over load or rate is friction over these. A force over the angle need be no spring.
 """
 
+OWN_GROUPS: dict[str, tuple[str, ...]] = {
+    "torque-bias": (),
+    "armature": (),
+    "cable-spring": ("angle", "places"),
+    "cogging": ("angle", "places"),
+    "position-dependent-friction": ("angle by direction", "places by direction"),
+    "stribeck": ("rate",),
+    "quadratic-drag": ("rate",),
+    "asymmetric-friction": ("rate",),
+    "load-dependent-friction": ("load", "fine load"),
+    "torque-gain": ("load", "fine load"),
+    "torque-ripple": ("torques over angle", "load and angle"),
+    "presliding": ("hysteresis",),
+    "friction-drift": ("slow time",),
+}
+"""Name of a cause → groups of functions of its own variable, over which its form may be another."""
+FORCES = (
+    ("angle",),
+    ("places",),
+    ("angle by direction",),
+    ("places by direction",),
+    ("angle", "angle by direction"),
+    ("places", "places by direction"),
+    ("rate",),
+    ("angle and rate",),
+    ("hysteresis",),
+    ("load",),
+    ("fine load",),
+    ("load", "fine load", "load and rate"),
+    ("load and angle",),
+    ("torques over angle",),
+)
+"""Groups of functions that together are one force of any form over angle, direction, rate, way or load."""
+
 
 def list_surroundings(problem: Problem, joint: int, torque: Sequence[Array]) -> list[Surroundings]:
     """Return what the functions at a joint read along each stretch; `torque`: a model's, N m, (m, n) per stretch."""
@@ -250,10 +294,15 @@ def project_functions(
 
 
 def _whiten_functions(
-    search: Search, joint: int, states: Sequence[Surroundings], groups: Mapping[str, Function]
+    search: Search,
+    solution: Solution,
+    joint: int,
+    groups: Mapping[str, Function],
+    states: Sequence[Surroundings] = (),
 ) -> dict[str, Array]:
-    """Return the whitened inner rows of groups of functions at a joint."""
+    """Return the whitened inner rows of groups of functions at a joint beside a model."""
     problem = search.problem
+    states = states or list_surroundings(problem, joint, solution.torque)
     rows = project_functions(problem, joint, states, groups)
     return {name: search.whitening.apply(problem.rows, x, joint) for name, x in rows.items()}
 
@@ -273,13 +322,101 @@ def _measure_groups(
     return figures
 
 
+class Force(NamedTuple):
+    """Columns beside a model.
+
+    Attributes:
+        by_fold: Their held-out gain, nats, (K,).
+        left: Share of the joint's squared held-out error that they leave.
+    """
+
+    by_fold: Array
+    left: float
+
+
+def _measure_force(model: Solution, joint: int, columns: Array, ridges: Sequence[float]) -> Force:
+    """Return what whitened columns at a joint gain beside a model, with the best of some ridges."""
+    fit = model.fit
+    pack = pack_columns({joint: columns}, fit.folds)
+    best = max((fit.measure(pack, ridge) for ridge in ridges), key=lambda x: x.total[0])
+    squares = float(best.errors[0, :, joint].sum())
+    return Force(best.by_fold[0], squares / max(float(fit.squared_errors[:, joint].sum()), 1e-300))
+
+
 def measure_curve(search: Search, solution: Solution, joint: int, name: str) -> float:
     """Return the share of a joint's held-out error, rms, that a curve of a cause's own variable leaves of a model's."""
     if name not in CURVES:
         return 1.0
-    states = list_surroundings(search.problem, joint, solution.torque)
-    groups = _whiten_functions(search, joint, states, {name: CURVES[name]})
-    return min(_measure_groups(solution, joint, [groups[name]], RIDGES[-1])[0][-1], 1.0)
+    curve = _whiten_functions(search, solution, joint, {name: CURVES[name]})[name]
+    return min(float(np.sqrt(_measure_force(solution, joint, curve, RIDGES[-1:]).left)), 1.0)
+
+
+def measure_beside_forms(search: Search, solution: Solution, joint: int, columns: Array) -> Array:
+    """Return what columns (N, k) gain beside a model whose causes at a joint may have any form, by fold, nats, (K,).
+
+    Other forms of these are in the model where they gain something themselves.
+    """
+    white = search.whitening.apply(search.problem.rows, columns, joint)
+    causes = [cause.name for cause in solution.accepted if cause.joint == joint]
+    names = dict.fromkeys(group for name in causes for group in OWN_GROUPS.get(name, ()))
+    if names:
+        groups = _whiten_functions(search, solution, joint, {name: GROUPS[name] for name in names})
+        forms = np.hstack([*groups.values()])
+        ridges = (RIDGES[-1], *FORCE_RIDGES)
+        alone = _measure_force(solution, joint, forms, ridges).by_fold
+        if alone.sum() > 0:
+            both = _measure_force(solution, joint, np.hstack([white, forms]), ridges).by_fold
+            return np.asarray(both - alone)
+    return _measure_force(solution, joint, white, (GROUP_RIDGE,)).by_fold
+
+
+def find_misshapen_causes(
+    search: Search, solution: Solution, joint: int, findings: Sequence[Sequence[Candidate]]
+) -> list[bool]:
+    """Return which findings at a joint are parts of one force of another form.
+
+    One force over few variables must predict clearly better than all of the findings together, their priors paid. A
+    finding is a part of it where it alone leaves more than `Settings.material_share` of the power that the force
+    explains. A cause that may have any form over its own variable has the best one.
+
+    Args:
+        search: The search.
+        solution: The model with them.
+        joint: The joint.
+        findings: Accepted causes of each.
+    """
+    if not findings:
+        return []
+    problem = search.problem
+    settings = problem.settings
+    together = [cause for causes in findings for cause in causes]
+    without = search.fit_without(solution, together)
+    prior = sum(cause.log_prior for cause in together) + float(np.log(len(FORCES)))
+    gain = search.measure_causes(solution, without, together)
+    groups = _whiten_functions(search, solution, joint, GROUPS)
+
+    def is_better(force: Force) -> bool:
+        more = force.by_fold - gain
+        error = search.count_deviations(1) * float(compute_standard_error(more))
+        return bool(more.sum() - prior > max(settings.kept_nats, error))
+
+    columns = (np.hstack([groups[name] for name in names]) for names in FORCES)
+    forces = [_measure_force(without, joint, x, FORCE_RIDGES) for x in columns]
+    least = min((force.left for force in forces if is_better(force)), default=1.0)
+
+    def leave(causes: Sequence[Candidate]) -> float:
+        places = solution.find_places(causes, problem)
+        own = search.whitening.apply(problem.rows, solution.base[joint][:, places], joint)
+        left = _measure_force(without, joint, own, (GROUP_RIDGE,)).left
+        name = causes[0].name
+        if name not in CURVES:
+            return left
+        curve = _whiten_functions(search, solution, joint, {name: CURVES[name]})[name]
+        free = _measure_force(without, joint, np.hstack([own, curve]), FORCE_RIDGES)
+        return min(left, free.left)
+
+    most = settings.material_share * (1.0 - least)
+    return [least < 1.0 and leave(causes) - least > most for causes in findings]
 
 
 class Structure(NamedTuple):
@@ -302,7 +439,7 @@ def find_structure(search: Search, solution: Solution, joint: int) -> Structure:
     """Return the best flexible model of a joint beside a model."""
     states = list_surroundings(search.problem, joint, solution.torque)
     lines, costs = _find_lines(search, solution, joint, states)
-    groups = _whiten_functions(search, joint, states, GROUPS | lines)
+    groups = _whiten_functions(search, solution, joint, GROUPS | lines, states)
 
     def attempt(tried: Sequence[tuple[str, ...]], ridge: float) -> list[Structure]:
         columns = [np.hstack([groups[name] for name in names]) for names in tried]
@@ -316,6 +453,7 @@ def find_structure(search: Search, solution: Solution, joint: int) -> Structure:
     names = [x.groups[0] for x in alone if x.gain > 0]
     joined = [tuple(names[:count]) for count in JOINED if count <= len(names)]
     tried = [x for ridge in RIDGES if joined for x in attempt(joined, ridge)]
+    tried += [x for ridge in FORCE_RIDGES for x in attempt(FORCES, ridge)]
     return max([alone[0], *tried], key=lambda x: x.gain)
 
 

@@ -168,13 +168,9 @@ FOREIGN: Mapping[str, tuple[int, Callable[[Log], Array]]] = {
     "coupling": (1, lambda log: 0.02 * np.sin(2 * log.q[:, 0] + 0.4)),
 }
 """Name → joint and torque of an effect that no cause of the library has."""
-STOP = pytest.param(
-    "elastic stop",
-    marks=pytest.mark.xfail(strict=True, reason="named: a cable spring, and cogging beside it"),
-)
 
 
-@pytest.mark.parametrize("kind", [STOP if kind == "elastic stop" else kind for kind in FOREIGN])
+@pytest.mark.parametrize("kind", FOREIGN)
 def test_an_effect_from_outside_the_library_is_unknown(kind: str) -> None:
     joint, torque = FOREIGN[kind]
     found = diagnose(RIG, push(torque(prescribe("prescribed")), joint))
