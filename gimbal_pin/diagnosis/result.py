@@ -232,7 +232,7 @@ class Diagnosis(Record):
 
     @cached_property
     def given(self) -> PayloadStatement:
-        """What the logs say of the payload against its URDF; nothing where they are spoilt.
+        """Statement on the payload against its URDF; empty where the logs are spoilt.
 
         Raises:
             UsageError: The mass is far from the stated one.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, pairwise
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,9 +94,11 @@ class Stretch:
         """Return the rows of k signals (m,) at a joint: weighted, band-limited and decimated, (M, k)."""
         rows = [np.empty((0, self.count))]
         gain = self.fade * (self.count / len(self.time))
+        weight = self.weight[:, joint]
+        block = np.empty((SIGNALS_AT_A_TIME, len(weight)))
         left = iter(signals)
-        while some := [x * self.weight[:, joint] for x in islice(left, SIGNALS_AT_A_TIME)]:
-            spectrum = fft.rfft(np.array(some))
+        while some := [np.multiply(x, weight, row) for row, x in zip(block, left)]:
+            spectrum = fft.rfft(block[: len(some)])
             rows.append(fft.irfft(spectrum[:, : len(gain)] * gain, self.count))
         return np.concatenate(rows).T
 

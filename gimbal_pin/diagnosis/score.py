@@ -286,7 +286,7 @@ class BlockFit:
         schur = total - a.transpose(0, 2, 3, 1) @ solved.transpose(0, 2, 1, 3)
         predicted = (self.solutions[:, None, at] @ flat).reshape(folds + 1, groups, width)
         right = others[:, -1] - predicted
-        x = np.linalg.solve(schur + ridge * np.eye(width), right[..., None])[..., 0]
+        x = _solve_groups(schur + ridge * np.eye(width), right)
         fall = self.inverses[:, :, at] @ _multiply_groups(a, x)  # (K + 1, p, g)
 
         # Squares of the fold's errors e + B H⁻¹ a x - X x, from products alone.
@@ -320,6 +320,19 @@ def _multiply_groups(columns: Array, x: Array) -> Array:
         return np.asarray(np.sum(columns * x[:, None], axis=-1))
     # A sum over few neighbours in memory takes five times as long.
     return np.asarray(sum(columns[..., i] * x[:, None, :, i] for i in range(x.shape[-1])))
+
+
+def _solve_groups(A: Array, b: Array) -> Array:
+    """Solve positive definite systems ``A x = b`` of groups, (K, g, w, w) and (K, g, w)."""
+    if b.shape[-1] > b.shape[-2]:
+        return np.linalg.solve(A, b[..., None])[..., 0]
+    # Elimination of all at once: a call of LAPACK for each small system takes ten times as long.
+    A = np.concatenate([A, b[..., None]], axis=-1)
+    for k in range(b.shape[-1]):
+        pivot = A[..., [k], :] / A[..., [k], k, None]
+        A -= A[..., k, None] * pivot
+        A[..., [k], :] = pivot
+    return np.asarray(A[..., -1])
 
 
 def _multiply(columns: Array, target: Array) -> Array:
