@@ -221,7 +221,7 @@ class BlockFit:
     @property
     def theta(self) -> Array:
         """Coefficients of a fit to all folds, (p,)."""
-        return np.asarray(self.thetas[-1])
+        return np.asarray(self.solutions[-1] / self.norms)
 
     @property
     def inverse(self) -> Array:

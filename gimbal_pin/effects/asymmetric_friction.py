@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 from typing import Any, ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample, Term
-from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import size
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 from gimbal_pin.log.log import Array
 
 SPEEDS = 8
@@ -87,16 +85,6 @@ class AsymmetricFriction(Effect):
         """Return the term with these parameters."""
         effect = cls(str(joint), given["speed"], given["speed"] * given["viscous"] != 0)
         return Term(effect, tuple(given[coefficient.name] for coefficient in effect.coefficients))
-
-    def akin(self, seen: OperatingRange) -> tuple[Cause, ...]:
-        """Differences that set in with the rate, by half between what the rate's noise hides and the fastest.
-
-        With what a film takes once it is thin, and without, but not the form that it has.
-        """
-        slowest = max(3 * seen.rate_std, 0.01 * seen.rate)
-        speeds = build_geometric_grid(slowest, seen.rate, SPEEDS, self.shapes[0])
-        forms = (False, True) if not self.speed else (not self.thin,)
-        return tuple(replace(self, speed=speed, thin=thin) for thin in forms for speed in speeds)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return what either direction has more, or less, than the mean of both: the figures themselves."""

@@ -12,7 +12,6 @@ import numpy as np
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 
@@ -94,10 +93,6 @@ class Effect(Cause):
     @abstractmethod
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Return the torque per unit of each coefficient, N m per its unit; floats for floats, (N,) for arrays."""
-
-    def compute_stray_share(self, worth: Array, seen: OperatingRange) -> float:
-        """Return the share, 0 to 1, of its pieces' worth, (pieces,), in such as no one device makes together."""
-        return 0.0
 
     def start(self) -> EffectMemory | None:
         """Return the memory at rest; None for an effect without memory."""

@@ -28,8 +28,6 @@ class Cause(ABC):
     """Its name, as `diagnose` says it."""
     shapes: ClassVar[tuple[Parameter, ...]] = ()
     """Bounds, unit and default of the fields that are shape parameters; a default of nan must be stated."""
-    chosen: ClassVar[tuple[str, ...]] = ()
-    """Shape parameters that a search takes from those of `tried` as they are, and does not refine."""
     experiment: ClassVar[str]
     """The excitation that shows it best."""
     compensation: ClassVar[str]
@@ -62,10 +60,6 @@ class Cause(ABC):
 
     def joined(self, other: Cause) -> Cause:
         """Return it with the pieces of another of its kind."""
-        return self
-
-    def without(self, piece: float) -> Cause:
-        """Return it without one of its pieces."""
         return self
 
     @property

@@ -25,7 +25,6 @@ class Cogging(Harmonic):
     leans: ClassVar[tuple[str, ...]] = ("base-tilt",)
     """An unbalance about a vertical axis is no part of the rigid model: of a base that leans it pulls once per turn."""
     highest: ClassVar[int] = 400
-    overtones: ClassVar[tuple[int, ...]] = (2, 3)
     experiment: ClassVar[str] = "slow sweeps both ways over as much of a turn as there is"
     compensation: ClassVar[str] = "cogging feed-forward by angle"
 

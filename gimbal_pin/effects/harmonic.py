@@ -52,12 +52,8 @@ class Harmonic(Effect):
     """Harmonic above which only multiples of `every` are tried."""
     every: ClassVar[int] = 2
     """A number of poles is even."""
-    overtones: ClassVar[tuple[int, ...]] = ()
-    """Multiples of a harmonic that was found at which it is looked for as well, however high."""
     bends: ClassVar[tuple[str, ...]] = ()
     """Causes that bend with the angle as a part of a turn of a harmonic does."""
-    of_motor: ClassVar[bool] = True
-    """Whether it is a motor's, and repeats with its poles and slots."""
     leans: ClassVar[tuple[str, ...]] = ()
     """Causes that a vertical axis feels once per turn, or as a bend over a part of it."""
 
@@ -88,36 +84,6 @@ class Harmonic(Effect):
     def joined(self, other: Cause) -> Harmonic:
         """Return the harmonics of both."""
         return type(self)(self.joint, tuple(sorted({*self.harmonic, *other.pieces})))
-
-    def without(self, piece: float) -> Harmonic:
-        """Return it without one of its harmonics."""
-        return type(self)(self.joint, tuple(k for k in self.harmonic if k != piece))
-
-    def akin(self, seen: OperatingRange) -> tuple[Cause, ...]:
-        """Return it with each harmonic moved to those that the travel does not resolve: none where it is a turn.
-
-        A search takes the harmonics one by one, and the first bends as all of them together do. Four to either side
-        stand for all that a short travel leaves.
-        """
-        reach = int(pi / seen.travel) if seen.travel > 0 else 0
-        (first, last) = self.limits()
-        steps = [
-            step for step in np.unique(np.round(np.linspace(-reach, reach, 9))).tolist() if step
-        ]
-        moved = (
-            (k, k + step) for k in self.harmonic for step in steps if first <= k + step <= last
-        )
-        return tuple(
-            self.without(k).joined(type(self)(self.joint, (new,)))
-            for k, new in moved
-            if new not in self.harmonic
-        )
-
-    def above(self) -> tuple[Harmonic, ...]:
-        """Return the overtones of its harmonics, each alone: what repeats with a tooth has any form over it."""
-        last = self.limits()[1]
-        found = {times * k for k in self.harmonic for times in self.overtones} - {*self.harmonic}
-        return tuple(self.inside(self.joint, (k,)) for k in sorted(found) if k <= last)
 
     def polar(self, values: Sequence[float]) -> tuple[tuple[float, float], ...]:
         """Amplitude and phase, rad, of every harmonic."""
@@ -158,34 +124,6 @@ class Harmonic(Effect):
         bent = lowest * seen.travel < 2 * pi * (1 + crowded)
         leaning = seen.upright and (max(self.harmonic) == 1.0 or (bent and lowest == 1.0))
         return (*(self.bends if bent else ()), *(self.leans if leaning else ()))
-
-    def compute_stray_share(self, worth: Array, seen: OperatingRange) -> float:
-        """``min_{a,b} (1 - P(a, b))/(1 - D(a, b))``: what a motor of poles a and slots b leaves, over chance's.
-
-        P is the share of the harmonics' worth, and D that of all orders, within the travel's resolution of multiples
-        of a or b. Cogging repeats with the slots, with the poles, and in a perfect motor with both (Gasparin et al.,
-        IEEE Trans. Magn. 45(3), 2009). Once per turn is the shaft's, whose rotor sits off its centre.
-        """
-        lines = np.array(self.harmonic)
-        power = worth * (lines > 1.0)
-        if not self.of_motor or np.count_nonzero(power) < 3:
-            return 0.0
-        orders = np.arange(2.0, lines.max() + 1.0)
-        near = pi / seen.travel - 0.5
-        held, every = (
-            (np.abs(k - n * np.maximum(np.round(k / n), 1.0)) <= max(near, 0.25)).astype(float)
-            for n in (orders[:, None],)
-            for k in (lines, orders)
-        )
-        shares = []
-        for hits, weight in (
-            (held, power / power.sum()),
-            (every, np.full(len(orders), 1.0 / len(orders))),
-        ):
-            one = hits @ weight
-            shares.append(one[:, None] + one - (hits * weight) @ hits.T)
-        left, chance = (1.0 - x for x in shares)
-        return float(np.min(np.where(chance > 1e-9, left / np.maximum(chance, 1e-9), 1.0)))
 
     @classmethod
     def limits(cls) -> tuple[float, float]:

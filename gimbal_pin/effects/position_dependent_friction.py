@@ -27,7 +27,6 @@ class PositionDependentFriction(Harmonic):
         meaning="how much dry friction changes over the angle, to either side",
     )
     dry: ClassVar[bool] = True
-    of_motor: ClassVar[bool] = False
     highest: ClassVar[int] = 12
     bends: ClassVar[tuple[str, ...]] = ("load-dependent-friction",)
     experiment: ClassVar[str] = "slow sweeps over the whole range, both ways"

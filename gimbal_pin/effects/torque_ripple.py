@@ -29,7 +29,6 @@ class TorqueRipple(Harmonic):
     )
     loaded: ClassVar[bool] = True
     highest: ClassVar[int] = 300
-    overtones: ClassVar[tuple[int, ...]] = (2, 3)
     dense: ClassVar[int] = 100
     every: ClassVar[int] = 6
     """Six-step commutation of many poles: six times per electrical turn."""

@@ -23,7 +23,6 @@ from gimbal_pin.effects import (
     FrictionDrift,
     LoadDependentFriction,
     Losses,
-    OperatingRange,
     Parameter,
     Presliding,
     Sample,
@@ -332,26 +331,6 @@ def test_uncertainty_is_carried_to_what_is_shown(effect: Effect, values: tuple[f
     known = ~np.isnan(stated)
     assert known.any()
     np.testing.assert_allclose(stated[known], sampled[known], rtol=0.1)
-
-
-@given(st.integers(4, 42), st.integers(3, 48), SEEDS)
-def test_lines_of_poles_and_slots_and_of_the_turn_are_a_motors_and_a_notchs_are_not(
-    poles: int, slots: int, seed: int
-) -> None:
-    def share_no_motor_makes(sizes: dict[int, float]) -> float:
-        seen = OperatingRange(60.0, 0.005, 12.0, 2.0, 7.0, 1e-3, 1.0, 1.2)
-        lines = sorted(sizes)
-        power = np.array([sizes[k] ** 2 for k in lines])
-        return Cogging("yaw", tuple(map(float, lines))).compute_stray_share(power, seen)
-
-    rng = np.random.default_rng(seed)
-    own = {
-        1: 1.0,
-        **{k: rng.uniform(0.1, 1.0) for k in range(1, 145) if not (k % poles and k % slots)},
-    }
-    assert share_no_motor_makes(own) < 1e-9
-    notch = np.abs(np.fft.rfft((np.abs(np.arange(1440) - 60) < 20) * 0.05))
-    assert share_no_motor_makes({k: float(notch[k]) for k in (46, 34, 25, *range(2, 16))}) > 0.2
 
 
 # text and files
