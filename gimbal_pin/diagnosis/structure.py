@@ -41,7 +41,7 @@ RINGING_DAMPING = 0.08
 RIDGES = (3.0, 0.3)
 """Ridges on the columns of unit norm that are tried; the last is that of a group alone."""
 FORCE_RIDGES = (0.03, 3e-4)
-"""The same for a force in the place of causes: what it holds is large against what is left, and wants a weak prior."""
+"""Ridges for a force in the place of causes: it is large against what is left, so that its prior must be weak."""
 JOINED = (1, 2, 4, 7)
 """Numbers of the best groups that are joined: roughly twice as many each time."""
 LINES = 6

@@ -28,6 +28,8 @@ class Cause(ABC):
     """Its name, as `diagnose` says it."""
     shapes: ClassVar[tuple[Parameter, ...]] = ()
     """Bounds, unit and default of the fields that are shape parameters; a default of nan must be stated."""
+    chosen: ClassVar[tuple[str, ...]] = ()
+    """Shape parameters that a search takes from those of `tried` as they are, and does not refine."""
     experiment: ClassVar[str]
     """The excitation that shows it best."""
     compensation: ClassVar[str]

@@ -58,6 +58,7 @@ class FrictionDrift(Effect):
             "alone counts",
         ),
     )
+    chosen: ClassVar[tuple[str, ...]] = ("held",)
     linear: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             "coulomb", 0.0, "N m", -inf, inf, meaning="what dry friction changes by in the end"

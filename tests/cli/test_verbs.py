@@ -113,13 +113,15 @@ def test_track_on_a_platform_that_moves(run: Run, made: Path) -> None:
 
 
 def test_auto_walks_from_a_log_to_a_report(run: Run, made: Path, tmp_path: Path) -> None:
-    """Of the bodies all its parts state what `identify` does."""
+    """Of the bodies all its parts state one thing, and `identify` alone the same within its deviation."""
     out = tmp_path / "out"
     call = (*CINEMA, made / "log.csv", "--mass", "2.197")
     found = result(run, "auto", *call, "--kind", "pid", "--damping", "0.9", "-o", out, *FEW)
     alone = result(run, "identify", *call)
     for key in ("given_model", "balance"):
-        assert found["identify"][key] == found["diagnose"][key] == alone[key]
+        assert found["identify"][key] == found["diagnose"][key]
+    slides = (x["balance"]["slide_mm"] for x in (found["identify"], alone))
+    np.testing.assert_allclose(*slides, atol=2 * max(alone["balance"]["std_mm"]))
     assert (found["tune"]["controller"], found["tune"]["wish"]["damping"]) == ("pid", 0.9)
     whole(out)
 
