@@ -71,3 +71,11 @@ def test_no_saturation_lies_below_the_torque_that_the_arm_measured() -> None:
 def test_a_base_that_moves_without_its_imu_is_unknown() -> None:
     found = said("cases/semantic/rig.yaml", ["platform_imu_lost.csv.gz"], [])
     assert found.verdict == "unknown"
+
+
+@pytest.mark.parametrize(
+    "file", ["time_twice_too_fast", "angle_with_gear_twice", "hung_upside_down"]
+)
+def test_a_unit_or_a_mount_that_the_urdf_lacks_is_stated(file: str) -> None:
+    found = said("cases/semantic/rig.yaml", [f"{file}.csv.gz"], [])
+    assert found.statements and found.verdict == "unknown"

@@ -122,11 +122,11 @@ def describe_explanation(
     scales = compare_scales(*prepared.beginning) if prepared.beginning else ()
     findings = list_findings(explanation)
     findings = [one for one in findings if not prepared.is_doubtful(one, scales)]
-    findings = reject_impossible_bodies(explanation, findings)
+    findings, extended = keep_possible_bodies(explanation, findings)
     stated = [one for one in findings if one.is_stated]
     places = {one.at for one in stated}
-    scales = tuple(one for one in scales if not places.issuperset(one.torques))
-    extended = keep_stated_causes(explanation, stated)
+    # A gain that is found says itself what a torque in another unit would.
+    scales = tuple(one for one in scales if not one.torques or not places.issuperset(one.torques))
     is_final = extended is explanation.found.final
     rest = explanation.rest if is_final else tuple(describe_rest(search, extended))
     verdict = choose_verdict(findings, explanation.rest)
@@ -159,27 +159,31 @@ def describe_explanation(
     return replace(diagnosis, candidate=candidate, immaterial=immaterial)
 
 
-def reject_impossible_bodies(
-    explanation: Explanation, findings: Sequence[Finding]
-) -> list[Finding]:
-    """Return findings; a change of bodies that leaves a mass or an inertia which no body can have is unconfirmed."""
-    final = explanation.found.final
-    bodies = build_model(explanation.search.problem, final, (), final.fit.covariance).rig
-    checked = list[Finding]()
-    for finding in findings:
+def keep_possible_bodies(
+    explanation: Explanation, findings: list[Finding]
+) -> tuple[list[Finding], Solution]:
+    """Return findings and the model of those that are stated.
+
+    A change of bodies that leaves a mass or an inertia which no body can have is unconfirmed. The model without it
+    refits the bodies, which may make another one impossible.
+    """
+    extended = keep_stated_causes(explanation, findings)
+    bodies = build_model(explanation.search.problem, extended, (), extended.fit.covariance).rig
+    for place, finding in enumerate(findings):
         try:
             if finding.is_stated and isinstance(finding.physical, RigEffect):
                 bodies = finding.physical.apply(bodies)
         except UsageError:
-            finding = replace(finding, status="unconfirmed")
-        checked.append(finding)
-    return checked
+            rejected = replace(finding, status="unconfirmed")
+            others = [*findings[:place], rejected, *findings[place + 1 :]]
+            return keep_possible_bodies(explanation, others)
+    return findings, extended
 
 
-def keep_stated_causes(explanation: Explanation, stated: Sequence[Finding]) -> Solution:
+def keep_stated_causes(explanation: Explanation, findings: Sequence[Finding]) -> Solution:
     """Return the final model without the causes of findings that are not stated."""
     final = explanation.found.final
-    places = {(one.cause, one.joint or "rig") for one in stated}
+    places = {(one.cause, one.joint or "rig") for one in findings if one.is_stated}
     kept = [one for one in final.accepted if (one.name, one.place) in places]
     if len(kept) == len(final.accepted):
         return final

@@ -69,6 +69,18 @@ def test_of_a_trusted_urdf_that_is_right_nothing_is_told() -> None:
     assert found.verdict == "nothing" and not found.findings and not found.notes
 
 
+@pytest.mark.parametrize("trusted", [False, True])
+def test_a_log_whose_time_runs_twice_as_fast_is_not_told_as_a_rig_that_is_right(
+    trusted: bool,
+) -> None:
+    """All inertias are a quarter: a statement, whatever the bodies of a trusted URDF are changed by."""
+    log = record(RIG)
+    assert log.v is not None
+    fast = replace(log, t=log.t / 2, v=2 * log.v)
+    found = diagnose(trust(RIG) if trusted else RIG, fast)
+    assert found.statements and found.verdict != "nothing"
+
+
 # the payload of one that is not
 
 
