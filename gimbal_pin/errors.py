@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from math import isfinite
+from math import floor, isfinite, log10
 
 FEW = 6
 """Most names in a message."""
@@ -13,6 +13,8 @@ PLACE = 60
 LONGEST_MESSAGE = 280
 """Most characters of a message: a line of 300 has room for the program's name and ``note:`` before it."""
 
+MOST_DIGITS = 8
+"""Most significant digits of a value that is known very well."""
 LARGEST_PLAIN = 1e7
 """From here on a number is written with a power of ten; below 1e-4, too."""
 UNSAFE = re.compile(
@@ -127,5 +129,11 @@ def finite_or_none(value: float) -> float | None:
 
 
 def format_estimate(value: float, std: float, count: int = 3) -> str:
-    """Return a value and half of its 95 % interval as `digits` has them: ``0.0213 ± 0.0042``."""
-    return f"{digits(value, count)} ± {digits(NORMAL_95 * std, 2)}"
+    """Return a value and half of its 95 % interval as `digits` has them: ``0.0213 ± 0.0042``.
+
+    The value has `count` significant digits, and more where the interval's second digit lies beyond: ``2.1804 ± 0.0024``.
+    """
+    half = NORMAL_95 * std
+    if value and half > 0 and isfinite(half):
+        count = max(count, min(floor(log10(abs(value))) - floor(log10(half)) + 2, MOST_DIGITS))
+    return f"{digits(value, count)} ± {digits(half, 2)}"
