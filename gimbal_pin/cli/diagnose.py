@@ -50,7 +50,9 @@ def diagnose(
     seed: opt.Seed = 0,
     json: opt.Json = None,
 ) -> None:
-    """What the simulation gets wrong, why, the extended model and its gain; -o: a report and the next experiment, too.
+    """What the simulation gets wrong, why, the extended model and its gain.
+
+    -o writes a report, too, and the next experiment where a finding is ambiguous.
 
     It looks for, of friction: stribeck, asymmetric-friction, load-dependent-friction, presliding,
     position-dependent-friction, friction-drift, quadratic-drag; of motor and drive: cogging, torque-ripple,
