@@ -21,7 +21,7 @@ from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
     from gimbal_pin.identification import Identified, Online, Several, WhenTested
-    from gimbal_pin.regression import Estimator, Filtering
+    from gimbal_pin.regression import Filtering
     from gimbal_pin.rig.rig import Rig
 
 
@@ -94,7 +94,6 @@ def identify(
         )
     filters = choose_filter(cutoff, alignment)
     trusted = trust or TRUST
-    chosen = choose_estimator(estimator, trusted)
     if not follow and (known is not None or len(list_tags(logs)) > 1):
         if known is None and urdf is not None:
             raise UsageError(
@@ -112,7 +111,8 @@ def identify(
             )
         estimate = partial(
             read_cameras(rig, payload, logs, map, known, extended),
-            estimator=chosen,
+            estimator=estimator,
+            trust=trusted,
             filtering=filters,
         )
         return tell_cameras(estimate, holdout, refit, mass, output, urdf, json)
@@ -123,7 +123,7 @@ def identify(
         loaded, read = load_logs(rig, payload, logs, map, moving=True)
         when: WhenTested = "always" if bias else "noisy"
         fit = partial(
-            run, loaded, read, estimator=chosen, filtering=filters, trust=trusted, examined=when
+            run, loaded, read, estimator=estimator, filtering=filters, trust=trusted, examined=when
         )
         found = identify_beside_causes(fit, loaded, extended, holdout, refit)
         write_recordings(found.model, read, filters or limit_band(read), mcap, rrd)
@@ -235,15 +235,3 @@ def write_models(
         write_model(found, output, each)
     if urdf is not None:
         atomic_write(urdf, found.to_urdf())
-
-
-def choose_estimator(name: str, trust: float) -> Estimator:
-    """Return the estimator of a name; `trust` is the relative width of ridge's prior."""
-    from gimbal_pin.identification import ESTIMATORS
-    from gimbal_pin.regression import Method, fit_ridge
-
-    return (
-        partial(fit_ridge, trust=trust)
-        if Method(name) is Method.RIDGE
-        else ESTIMATORS[Method(name)]
-    )

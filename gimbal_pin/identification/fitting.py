@@ -52,6 +52,7 @@ from gimbal_pin.regression import (
     add_misfit,
     align_rows,
     bound_deviations,
+    check_trust,
     classify_base_motion,
     compute_blocks,
     fit_weighted,
@@ -269,7 +270,7 @@ def identify(
     logs: Log | Sequence[Log],
     effects: Sequence[Effect | str] = (),
     *,
-    estimator: Estimator | str = fit_weighted,
+    estimator: Estimator | str = "weighted",
     holdout: str | None = None,
     filtering: Filtering | None = None,
     examined: WhenTested = "noisy",
@@ -286,14 +287,14 @@ def identify(
         logs: One trajectory, or several; each is filtered on its own and none is joined to another.
         effects: Effects on top of Coulomb and viscous friction, or their words as on the command line, such as
             ``cogging:yaw:harmonic=42``, in which no coefficient need be.
-        estimator: Blocks → `Estimate`; or the name of one of `ESTIMATORS`.
+        estimator: Name of one of `ESTIMATORS`, or a function: blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
         filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns.
         examined: Whether to test if least squares is biased on these logs, see `check_bias`, and, unless "never",
             what is wrong with the data beside what is mended, whether the halves are of one rig, see
             `payload_change.compare_halves`, whether several logs agree, see `agreement.assess_agreement`, and the least
             deviations that logs of a base that turned allow.
-        trust: Relative standard deviation of the URDF's masses, see `estimate_bodies`.
+        trust: Relative standard deviation of the URDF's masses, see `estimate_bodies`; the prior of "ridge" is as wide.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
@@ -312,7 +313,8 @@ def identify(
             raise UsageError(
                 f"effect '{effect.name}'", what, "leave it out: 'diagnose' estimates it"
             )
-    method = find_estimator(estimator) if isinstance(estimator, str) else estimator
+    check_trust(trust)
+    method = find_estimator(estimator, trust)
     logs, repeated = drop_repeated_logs(logs)
     checked = [
         check_log(rig, log, filtering=filtering, repairs_only=examined == "never") for log in logs

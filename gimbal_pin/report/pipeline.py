@@ -40,7 +40,7 @@ from gimbal_pin.log.log import Log
 from gimbal_pin.pointing import Verified, verify
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
-from gimbal_pin.regression import Estimator, Filtering, fit_weighted
+from gimbal_pin.regression import Estimator, Filtering
 from gimbal_pin.report import view
 from gimbal_pin.report.diagnosis_text import report_diagnosis
 from gimbal_pin.report.elements import Document, Section, paragraph
@@ -217,7 +217,7 @@ def auto(
     folder: str | Path,
     *,
     rng: Rng = None,
-    estimator: Estimator = fit_weighted,
+    estimator: Estimator | str = "weighted",
     holdout: str | None = None,
     filtering: Filtering | None = None,
     wish: Callable[[Model], Wish] = Wish.of,
@@ -239,7 +239,7 @@ def auto(
         folder: Where the files go; made if it is not there.
         rng: Source of the sensors' noise in the verification, or its seed; None: a fresh one,
             whose seed is in the result.
-        estimator: Blocks → `Estimate`.
+        estimator: As for `identify`.
         holdout: As for `identify`.
         filtering: As for `identify`.
         wish: Model → what is asked of `tune`.
