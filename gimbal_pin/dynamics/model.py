@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from gimbal_pin.dynamics.reduction import spread_states
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_rnea
@@ -207,42 +208,50 @@ class Model(Record):
             platform = change.carried(t, platform)
         return platform
 
-    def inverse(
+    def inverse_dynamics(
         self,
-        q: Array,
-        v: Array,
-        a: Array,
-        slide: Array | None = None,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        slide: ArrayLike | None = None,
         t: Array | None = None,
-        temperature: Array | None = None,
+        temperature: ArrayLike | None = None,
         platform: Platform | None = None,
         losses: Sequence[Losses] | None = None,
     ) -> Array:
-        """Torque that moves the rig as given, N m: ``tau = rnea(q, v, a) + passive(tau)``, iterated where it must be.
+        """Return the torque that moves the rig as given, N m, (N, n), or (n,) of one pose.
+
+        ``tau = rnea(q, v, a; phi) + passive(tau)`` (thesis 3.70), iterated where a term depends on the total torque.
 
         Args:
-            q: Angles, rad, (N, n), of consecutive samples where a term has a memory.
-            v: Rates, rad/s, (N, n).
-            a: Accelerations, rad/s², (N, n).
-            slide: Direction of sliding in [-1, 1], (N, n); sign(v) if None.
+            q: Angles, rad, (N, n), of consecutive samples where a term has a memory; or one pose, (n,).
+            v: Rates, rad/s, of the same shape.
+            a: Accelerations, rad/s², of the same shape.
+            slide: Direction of sliding in [-1, 1], of the same shape; sign(v) if None.
             t: Time, s, (N,); zero if None.
-            temperature: Motor temperatures, °C, (N, n); ambient if None.
+            temperature: Motor temperatures, °C, of the shape of q; ambient if None.
             platform: Motion of the base at the same samples; None: it stands upright.
-            losses: What each motor turned into heat, (n); None: nobody knows.
+            losses: Heat of each motor, (n); None: not known.
+
+        Raises:
+            UsageError: An array is of another shape, or holds no numbers.
         """
-        q, v, a = (
-            to_rows(f"Model.inverse: {name}", x, self.rig.n)
-            for name, x in (("q", q), ("v", v), ("a", a))
-        )
-        direction = np.sign(v) if slide is None else slide
+        given = {"q": q, "v": v, "a": a, "slide": slide, "temperature": temperature}
+        rows = to_rows("Model.inverse_dynamics", self.rig.n, given)
+        is_one_pose = rows["q"].ndim == 1
+        rows = {name: np.atleast_2d(x) for name, x in rows.items()}
+        q, v, a = (rows[name] for name in "qva")
+        direction = rows.get("slide", np.sign(v))
         carrier = platform if t is None else self.carried(t, platform)
         rigid = compute_rnea(self.rig, q, v, a, carrier)
         weight = self.weight(q, carrier)
 
         def total(tau: Array) -> Array:
-            return rigid + self.passive(q, v, a, direction, tau, t, temperature, losses, weight)
+            own = (direction, tau, t, rows.get("temperature"), losses, weight)
+            return rigid + self.passive(q, v, a, *own)
 
-        return _solve_implicit_torque(total, rigid) if self.loaded else total(rigid)
+        tau = _solve_implicit_torque(total, rigid) if self.loaded else total(rigid)
+        return tau[0] if is_one_pose else tau
 
     def passive(
         self,

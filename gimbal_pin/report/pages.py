@@ -163,7 +163,7 @@ def describe_verified(found: Verified) -> Document:
 def describe_excitation(found: Excitation) -> Document:
     """Return a motion and what it uses of the limits."""
     motion = found.motion
-    tau = nominal(found.rig).inverse(motion.q, motion.v, motion.a)
+    tau = nominal(found.rig).inverse_dynamics(motion.q, motion.v, motion.a)
     moved = Log("motion", found.joints, motion.t, motion.q, motion.v, tau)
     drawn = picture_log(
         list_shown_joints(found.rig), moved, "The motion, and the torque that it takes by the URDF."

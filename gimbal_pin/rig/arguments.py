@@ -49,6 +49,8 @@ def check_arguments(function: Callable[P, R]) -> Callable[P, R]:
             ) from error
         for name, value in arguments.items():
             annotation = signature.parameters[name].annotation
+            if annotation is inspect.Parameter.empty:
+                continue
             try:
                 hint = eval(annotation, inspect.unwrap(function).__globals__)
             except NameError:
@@ -66,20 +68,36 @@ def check_type(place: str, value: object, hint: Any) -> None:
         raise UsageError(place, what, f"give {_describe(hint)}")
 
 
-def to_rows(place: str, value: object, width: int) -> Array:
-    """Return an array of one row per sample, (N, width); `UsageError` for anything else."""
-    try:
-        rows = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise UsageError(
-            place, f"is no array of numbers ({error})", f"give shape (N, {width})"
-        ) from error
-    if rows.ndim != 2 or rows.shape[1] != width:
-        raise UsageError(
-            place,
-            f"has shape {rows.shape}",
-            f"give shape (N, {width}): a row per sample, x[None] for one",
-        )
+def to_rows(place: str, width: int, given: Mapping[str, object]) -> dict[str, Array]:
+    """Return arrays of one shape: (N, width) with a row per sample, or (width,) for one sample.
+
+    Args:
+        place: The function, for the error's text.
+        width: Number of columns.
+        given: Argument → array, or None, which is left out.
+
+    Raises:
+        UsageError: One holds no numbers, or is of another shape than the first.
+    """
+    form = f"({width},) or (N, {width})"
+    rows = dict[str, Array]()
+    for name, value in given.items():
+        if value is None:
+            continue
+        try:
+            array = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            what = f"is no array of numbers ({error})"
+            raise UsageError(f"{place}: {name}", what, f"give shape {form}") from error
+        if not rows and (array.ndim not in (1, 2) or array.shape[-1] != width):
+            raise UsageError(f"{place}: {name}", f"has shape {array.shape}", f"give shape {form}")
+        first = next(iter(rows.values()), array)
+        if array.shape != first.shape:
+            what = f"has shape {array.shape}"
+            raise UsageError(
+                f"{place}: {name}", what, f"give {first.shape} as of {next(iter(rows))}"
+            )
+        rows[name] = array
     return rows
 
 

@@ -38,8 +38,11 @@ WRONG: Mapping[str, Callable[[], Any]] = {
     "tune: model.*identify": lambda: gp.tune(RIG),  # type: ignore[arg-type]
     "write_log: log": lambda: gp.write_log("log.csv", recorded()),  # type: ignore[arg-type]
     "Rig.load: rig": lambda: Rig.load(5),  # type: ignore[arg-type]
-    r"\(N, 2\)": lambda: MODEL.inverse(*np.zeros((3, 4, 3))),
-    "numbers": lambda: MODEL.inverse("a", "b", "c"),  # type: ignore[arg-type]
+    r"\(N, 2\)": lambda: MODEL.inverse_dynamics(*np.zeros((3, 4, 3))),
+    r"v: has shape \(3, 2\)": lambda: MODEL.inverse_dynamics(
+        *map(np.zeros, ((4, 2), (3, 2), (4, 2)))
+    ),
+    "numbers": lambda: MODEL.inverse_dynamics("a", "b", "c"),  # type: ignore[arg-type]
     "rng: is": lambda: gp.profile_s(np.linspace(0, 1, 20), -1),
     "no joint 'tilt'": lambda: gp.identify(RIG, renamed()),
     "'tilt' of rig": lambda: gp.Online.of(RIG).advance(gp.Online.of(RIG).start(), renamed()),
