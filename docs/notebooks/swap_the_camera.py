@@ -36,9 +36,7 @@ swapped
 # The gains before and after.
 
 # %%
-before, after = (
-    gimbal_pin.tune(one, disk_margin=1.0) for one in (known.model, swapped.first.model)
-)
+before, after = (gimbal_pin.tune(fit, disk_margin=1.0) for fit in (known, swapped.first))
 after
 
 # %%

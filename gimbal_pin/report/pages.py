@@ -74,7 +74,7 @@ def build_document(
 
     What moves is the `scene`, or the first of the logs.
     """
-    moved = partial(animate, rig.stated, logs[0]) if logs and scene is None else scene
+    moved = partial(animate, logs[0], rig.stated) if logs and scene is None else scene
     inputs = [show_logs(rig, logs)] if logs else []
     return Document(
         rig.title,
@@ -142,7 +142,7 @@ def describe_tracking(found: Tracking) -> Document:
     return build_document(
         found.rig,
         [show_tracking(found)],
-        scene=partial(animate, found.rig, found.experiments[0].log),
+        scene=partial(animate, found.experiments[0].log, found.rig),
     )
 
 
@@ -170,7 +170,7 @@ def describe_excitation(found: Excitation) -> Document:
     )
     shown = show_excitation(found)
     sections = [replace(shown, parts=[*shown.parts, drawn])]
-    return build_document(found.rig, sections, scene=partial(animate, found.rig, moved))
+    return build_document(found.rig, sections, scene=partial(animate, moved, found.rig))
 
 
 @describe_record.register

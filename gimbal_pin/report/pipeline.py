@@ -194,7 +194,7 @@ def describe_auto(found: Auto) -> Document:
     if held is not None:
         note = f"The plant is {found.held_on}; the controllers know the model and no more."
         sections.append(show_camera(replace(held, note=note)))
-    moved = partial(view.animate, found.model.rig, found.animated)
+    moved = partial(view.animate, found.animated, found.model.rig)
     sections[1:] = [replace(one, is_folded=True) for one in sections[1:]]
     return build_document(found.model.rig, sections, identified.data, found.payload.weighed, moved)
 

@@ -36,6 +36,7 @@ WRONG: Mapping[str, Callable[[], Any]] = {
     "cog": lambda: gp.identify(RIG, recorded(), ["cog:tilt"]),
     "cutoff": lambda: gp.identify(RIG, recorded(), cutoff=4.0),  # type: ignore[call-arg]
     "tune: model.*identify": lambda: gp.tune(RIG),  # type: ignore[arg-type]
+    "animate: log": lambda: gp.animate(RIG, recorded()),  # type: ignore[arg-type]
     "write_log: log": lambda: gp.write_log("log.csv", recorded()),  # type: ignore[arg-type]
     "Rig.load: rig": lambda: Rig.load(5),  # type: ignore[arg-type]
     r"\(N, 2\)": lambda: MODEL.inverse_dynamics(*np.zeros((3, 4, 3))),
@@ -119,6 +120,13 @@ def test_the_default_checks_the_data_as_the_command_line_does() -> None:
     assert found.faults == asked.faults != ()
 
 
+def test_a_fit_is_tuned_as_its_model_is() -> None:
+    fit = gp.identify(RIG, recorded())
+    tuned, same = (gp.tune(one, bandwidth_hz=4.0) for one in (fit, fit.model))
+    assert tuned.model is fit.model
+    assert tuned.to_dict() == same.to_dict()
+
+
 # --- Random numbers -----------------------------------------------------------------------------
 
 
@@ -152,7 +160,7 @@ def test_every_name_is_listed_and_can_be_called_without_a_generator() -> None:
 def test_whatever_a_name_returns_prints_as_a_few_lines() -> None:
     log = recorded()
     found = gp.identify(RIG, [log])
-    tuning = gp.tune(found.model, bandwidth_hz=4, robust=True)
+    tuning = gp.tune(found, bandwidth_hz=4, robust=True)
     online = gp.Online.of(RIG)
     many = chain(32)
     wide = Log("run", many.joints, np.array([0.0, 1.0]), np.zeros((2, 32)))
