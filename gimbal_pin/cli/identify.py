@@ -20,7 +20,7 @@ from gimbal_pin.cli.present import present, say
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.identification import Identified, Online, Several, WhenTested
+    from gimbal_pin.identification import IdentificationResult, Online, Several, WhenTested
     from gimbal_pin.regression import Filtering
     from gimbal_pin.rig.rig import Rig
 
@@ -180,8 +180,12 @@ def start_online(
 
 
 def identify_beside_causes(
-    fit: Callable[..., Identified], rig: Rig, extended: str | None, holdout: str | None, refit: bool
-) -> Identified:
+    fit: Callable[..., IdentificationResult],
+    rig: Rig,
+    extended: str | None,
+    holdout: str | None,
+    refit: bool,
+) -> IdentificationResult:
     """Fit a rig beside the causes of an extended model, if one is named, and from all data at last, if that is asked.
 
     Args:
@@ -209,7 +213,9 @@ def identify_beside_causes(
     )
 
 
-def tell_model(found: Identified, mass: float | None, json: Path | None, as_lines: bool) -> None:
+def tell_model(
+    found: IdentificationResult, mass: float | None, json: Path | None, as_lines: bool
+) -> None:
     """Tell a model: as one more line of JSON, or as a page's sections."""
     from gimbal_pin.identification import compare_payload, report_with_payload
     from gimbal_pin.log.io.files import to_json
@@ -222,10 +228,10 @@ def tell_model(found: Identified, mass: float | None, json: Path | None, as_line
 
 
 def write_models(
-    found: Identified,
+    found: IdentificationResult,
     output: Path | None,
     urdf: Path | None,
-    each: Mapping[str, Identified] | None = None,
+    each: Mapping[str, IdentificationResult] | None = None,
 ) -> None:
     """Write the model, of every payload where there are several, and the URDF, each if it is asked for."""
     from gimbal_pin.identification.model_file import write_model

@@ -50,7 +50,7 @@ from gimbal_pin.control.laws.uncertainty import DRAWN_MODELS, Ratios, draw_inert
 from gimbal_pin.dynamics.model import Model, read_model_data
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import ModelError, UsageError, finite_or_none
-from gimbal_pin.identification.identified import Identified
+from gimbal_pin.identification.identified import IdentificationResult
 from gimbal_pin.identification.model_file import describe_uncertainty, read_known_parameters
 from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.rig.arguments import check_arguments
@@ -280,7 +280,7 @@ class TuningBasis:
 @limit_to_one_thread()
 @check_arguments
 def tune(
-    model: Model | Identified,
+    model: Model | IdentificationResult,
     *,
     bandwidth_hz: float | Mapping[str, float] | None = None,
     damping: float = 1.0,
@@ -321,7 +321,7 @@ def tune(
         UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, a disk margin
             that no bandwidth keeps, α ≥ 1.
     """
-    if isinstance(model, Identified):
+    if isinstance(model, IdentificationResult):
         model = model.model
     logged = None if model.estimated is None else model.estimated.dt
     wish = Wish.of(

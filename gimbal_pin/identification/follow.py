@@ -15,7 +15,7 @@ from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.identification.fitting import assemble_result, to_model
-from gimbal_pin.identification.identified import Identified
+from gimbal_pin.identification.identified import IdentificationResult
 from gimbal_pin.identification.payload_change import payload_directions
 from gimbal_pin.identification.payloads import get_known_parameters
 from gimbal_pin.identification.requirements import check_motors, find_unseen
@@ -260,7 +260,7 @@ class Online:
         """Return the model with its uncertainty, as `identify` gives it; `DataError` as `estimate`."""
         return to_model(self.design, self.estimate(memory))
 
-    def identified(self, memory: LogMemory) -> Identified:
+    def identified(self, memory: LogMemory) -> IdentificationResult:
         """Return what `identify` returns; held out are the rows before they were learned, where that was possible.
 
         Raises:

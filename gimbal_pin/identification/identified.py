@@ -75,7 +75,7 @@ def describe_faults(checked: Sequence[CheckedLog]) -> tuple[str, ...]:
     )
 
 
-def _iterate_warnings(found: Identified) -> Iterator[str]:
+def _iterate_warnings(found: IdentificationResult) -> Iterator[str]:
     """Yield what does not hold, which joints are not explained, the logs' faults, then what else is wrong."""
     yield from map(str, found.model.doubts)
     yield from _iterate_unexplained(found)
@@ -94,7 +94,7 @@ def _iterate_warnings(found: Identified) -> Iterator[str]:
             yield f"{joint}: {100 * (1 - used):.0f} % of the samples are {what}: the parameters are of the rest"
 
 
-def _iterate_unexplained(found: Identified) -> Iterator[str]:
+def _iterate_unexplained(found: IdentificationResult) -> Iterator[str]:
     """Yield the joints whose torque follows from their motion in a way that the model does not hold."""
     for joint, opinion in found.opinions.items():
         if opinion is not Opinion.NOT_EXPLAINED:
@@ -118,7 +118,7 @@ def _iterate_unexplained(found: Identified) -> Iterator[str]:
         yield f"{joint} is {opinion.value}: {', '.join(parts)}; run 'gimbal-pin diagnose'"
 
 
-def _iterate_common_residual(found: Identified) -> Iterator[str]:
+def _iterate_common_residual(found: IdentificationResult) -> Iterator[str]:
     """Yield what `describe_common_residual` says of the rows that were fitted, where the motion's noise was judged."""
     rig = found.model.rig
     train = found.train
@@ -163,7 +163,7 @@ def describe_common_residual(
     return (f"{what} that was found: {mend}; else look for contact, or for what changes with time",)
 
 
-def _iterate_negative(found: Identified) -> Iterator[str]:
+def _iterate_negative(found: IdentificationResult) -> Iterator[str]:
     """Yield the friction and the moments of inertia that are significantly under zero; then those that only may be.
 
     A value under zero that its deviation explains is a value that the logs do not determine.
@@ -194,7 +194,7 @@ def _iterate_negative(found: Identified) -> Iterator[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Identified(Record):
+class IdentificationResult(Record):
     """The result of `identify`.
 
     Attributes:

@@ -42,7 +42,7 @@ from gimbal_pin.identification.fitting import (
     keep_held_out_accuracy,
     split_logs,
 )
-from gimbal_pin.identification.identified import Identified, describe_faults
+from gimbal_pin.identification.identified import IdentificationResult, describe_faults
 from gimbal_pin.identification.known_gimbal import (
     compute_limit,
     describe_contradiction,
@@ -147,7 +147,7 @@ class Several(Record):
         known: The gimbal with the reference, as it was known before the logs; None where it was not.
     """
 
-    identified: Mapping[str, Identified]
+    identified: Mapping[str, IdentificationResult]
     cameras: Mapping[str, CameraEstimate]
     reference: str
     mass: float | None = None
@@ -157,7 +157,7 @@ class Several(Record):
     __repr__ = brief
 
     @property
-    def first(self) -> Identified:
+    def first(self) -> IdentificationResult:
         """The gimbal with the reference, or with the first payload where that has no log."""
         return self.identified.get(self.reference, next(iter(self.identified.values())))
 
@@ -218,7 +218,10 @@ class Several(Record):
 
 
 def compare_camera(
-    found: Identified, camera: CameraEstimate, mass: float | None, known: Model | None = None
+    found: IdentificationResult,
+    camera: CameraEstimate,
+    mass: float | None,
+    known: Model | None = None,
 ) -> PayloadStatement:
     """Compare a camera on a known gimbal with its URDF; one that was not estimated is compared with its gimbal.
 
@@ -390,7 +393,7 @@ def _conclude_camera(
     known: tuple[Array, Array],
     missed: Sequence[Misfit],
     late: Array,
-) -> tuple[Identified, CameraEstimate]:
+) -> tuple[IdentificationResult, CameraEstimate]:
     """Return the gimbal with one camera, ``theta + K_c gamma``, and that camera: the reference's stated one and gamma.
 
     Args:

@@ -20,7 +20,7 @@ from gimbal_pin.dynamics.checking import Checked
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.excitation import Excitation, ExpectedEstimate
 from gimbal_pin.fleet import Fleet, MonteCarlo
-from gimbal_pin.identification import Identified, Several, compare_payload
+from gimbal_pin.identification import IdentificationResult, Several, compare_payload
 from gimbal_pin.log.io.inspection import Inspected
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
@@ -85,7 +85,7 @@ def build_document(
 
 
 @describe_record.register
-def describe_identified(found: Identified) -> Document:
+def describe_identified(found: IdentificationResult) -> Document:
     """Return the parameters, and the torque that they predict; pictures where the logs are at hand."""
     evaluated = evaluate(found, found.data) if found.data else None
     sections = [

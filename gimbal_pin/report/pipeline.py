@@ -24,7 +24,7 @@ from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.identification import (
-    Identified,
+    IdentificationResult,
     PayloadStatement,
     Several,
     compare_payload,
@@ -106,7 +106,7 @@ class Auto(Record):
         seed: Repeats it as `rng`; None where a generator was given.
     """
 
-    identified: Identified
+    identified: IdentificationResult
     diagnosis: Diagnosis | None
     model: Model
     tuning: Tuning
@@ -121,7 +121,7 @@ class Auto(Record):
     why: str = ""
     undiagnosed: str = ""
     notes: tuple[str, ...] = ()
-    beside: Identified | None = None
+    beside: IdentificationResult | None = None
     camera: Several | None = None
     seed: int | None = None
 

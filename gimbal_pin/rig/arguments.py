@@ -26,7 +26,7 @@ NAMES: Mapping[str, str] = {
     "Rig": "a Rig (Rig.load)",
     "Log": "a Log (read_log, bench_run)",
     "Model": "a Model (identify(…).model, diagnose(…).after, nominal)",
-    "Identified": "a fit (identify)",
+    "IdentificationResult": "a fit (identify)",
 }
 """Name of a type → how an error's text names it, and what returns one."""
 

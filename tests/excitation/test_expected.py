@@ -14,7 +14,7 @@ import pytest
 
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.excitation import excite, predict_estimate, record_log
-from gimbal_pin.identification import Identified, identify
+from gimbal_pin.identification import IdentificationResult, identify
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.regression import LAG_DEVIATION
 from tests.excitation.designs import designed
@@ -37,7 +37,7 @@ def repeat() -> Motion:
 
 def record(
     motion: Motion, rng: np.random.Generator, missed: Array, noise: float = 0.01
-) -> Identified:
+) -> IdentificationResult:
     """Return what is identified from a log whose torque holds a part more."""
     log = record_log(MODEL, motion, noise, rng)
     return identify(RIG, [replace(log, tau=log.tau + missed)], holdout="none")

@@ -11,7 +11,7 @@ import pytest
 
 import gimbal_pin as gp
 from gimbal_pin import GimbalPinError, Log
-from gimbal_pin.identification import ESTIMATORS, Identified
+from gimbal_pin.identification import ESTIMATORS, IdentificationResult
 from gimbal_pin.regression import Block, Design, compute_blocks, fit_ridge
 from tests.bench_logs import EXACT, prescribed
 from tests.rigs import bundled
@@ -54,12 +54,12 @@ def test_a_trust_that_is_not_positive_is_refused(trust: float) -> None:
 
 
 @cache
-def fitted() -> Identified:
+def fitted() -> IdentificationResult:
     effects = ["cogging:tilt:harmonic=7"]
     return gp.identify(RIG, recorded(), effects, holdout="none", filtering=EXACT)
 
 
-def rows_of(fit: Identified, log: Log) -> list[Block]:
+def rows_of(fit: IdentificationResult, log: Log) -> list[Block]:
     """Return the rows of a log as they were fitted."""
     effects = tuple(term.effect for term in fit.model.terms)
     return [*compute_blocks(Design(RIG, fit.reduction, effects, (log,), fit.filtering))]
