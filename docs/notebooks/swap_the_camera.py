@@ -10,7 +10,7 @@ from gimbal_pin.rig import make_generator
 
 first = gimbal_pin.Rig.load("turret", payload="infrared")
 log = gimbal_pin.bench_run(gimbal_pin.nominal(first), rng=0, seconds=20.0)
-known = gimbal_pin.identify(first, [log])
+known = gimbal_pin.identify(first, log)
 known
 
 # %% [markdown]

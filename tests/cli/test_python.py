@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import inspect
 import pickle
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import gimbal_pin as gp
@@ -152,6 +153,35 @@ def test_every_name_is_listed_and_can_be_called_without_a_generator() -> None:
         assert callable(found)
         if inspect.isfunction(found) and "rng" in inspect.signature(found).parameters:
             assert inspect.signature(found).parameters["rng"].default is None
+
+
+def list_types(hint: Any) -> Iterator[type]:
+    """Yield the classes of the package in an annotation."""
+    for inner in get_args(hint):
+        yield from list_types(inner)
+    if isinstance(hint, type) and hint.__module__.startswith("gimbal_pin"):
+        yield hint
+
+
+def list_signatures() -> Iterator[Any]:
+    """Yield the public functions, and the methods of a fit and a model that are asked for torques."""
+    for name in gp.__all__:
+        if inspect.isfunction(found := getattr(gp, name)):
+            yield pytest.param(inspect.unwrap(found), id=name)
+    fit = gp.IdentificationResult
+    for method in (gp.Model.inverse_dynamics, fit.predict, fit.residual):
+        yield pytest.param(inspect.unwrap(method), id=method.__qualname__)
+
+
+@pytest.mark.parametrize("function", [*list_signatures()])
+def test_every_type_in_a_public_signature_is_public(function: Callable[..., Any]) -> None:
+    names = {"DataFrame": pd.DataFrame, **function.__globals__}
+    hints = get_type_hints(function, names)
+    for part, hint in hints.items():
+        assert hint is not Any, part
+        for kind in list_types(hint):
+            assert getattr(gp, kind.__name__, None) is kind, f"{part}: {kind.__name__}"
+    assert "return" in hints
 
 
 # --- At a prompt --------------------------------------------------------------------------------
