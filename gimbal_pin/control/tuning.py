@@ -166,6 +166,7 @@ class Tuning(Record):
             model.rig.joints, loops, self.worst, wish.dt, wish.delay, model.drives, self.ratios
         )
 
+    @check_arguments
     def save(self, path: str | Path) -> None:
         """Write it as ``gimbal-pin tune -o`` does: `read_controller`, ``track`` and ``export`` take the file."""
         write_controller(self, path, Path(path).parent)

@@ -25,6 +25,7 @@ from gimbal_pin.identification import PayloadStatement
 from gimbal_pin.identification.model_file import write_extended
 from gimbal_pin.identification.validation import Opinion, is_degraded, judge_joint
 from gimbal_pin.log.log import Log
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 
 if TYPE_CHECKING:
@@ -217,6 +218,7 @@ class Diagnosis(Record):
     ROWS: ClassVar[str] = "findings"
     __repr__ = brief
 
+    @check_arguments
     def save(self, path: str | Path) -> None:
         """Write the extended model, which `read_model`, ``tune``, ``track`` and ``studio`` read."""
         write_extended(self.after, path)

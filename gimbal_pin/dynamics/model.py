@@ -20,7 +20,7 @@ from gimbal_pin.effects.plain import read_cause, read_term
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.rig.arguments import check_arguments, to_rows
+from gimbal_pin.rig.arguments import check_arguments, check_count, check_type, to_rows
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.records import prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
@@ -214,7 +214,7 @@ class Model(Record):
         v: ArrayLike,
         a: ArrayLike,
         slide: ArrayLike | None = None,
-        t: Array | None = None,
+        t: ArrayLike | None = None,
         temperature: ArrayLike | None = None,
         platform: Platform | None = None,
         losses: Sequence[Losses] | None = None,
@@ -228,19 +228,25 @@ class Model(Record):
             v: Rates, rad/s, of the same shape.
             a: Accelerations, rad/s², of the same shape.
             slide: Direction of sliding in [-1, 1], of the same shape; sign(v) if None.
-            t: Time, s, (N,); zero if None.
+            t: Time, s, (N,), or a number of one pose; zero if None.
             temperature: Motor temperatures, °C, of the shape of q; ambient if None.
             platform: Motion of the base at the same samples; None: it stands upright.
             losses: Heat of each motor, (n); None: not known.
 
         Raises:
-            UsageError: An array is of another shape, or holds no numbers.
+            UsageError: An array is of another shape, or holds no numbers; `platform` is none of the same samples.
         """
         given = {"q": q, "v": v, "a": a, "slide": slide, "temperature": temperature}
         rows = to_rows("Model.inverse_dynamics", self.rig.n, given)
         is_one_pose = rows["q"].ndim == 1
         rows = {name: np.atleast_2d(x) for name, x in rows.items()}
         q, v, a = (rows[name] for name in "qva")
+        if t is not None:
+            t = np.atleast_1d(t)
+            check_count("Model.inverse_dynamics: t", t, len(q))
+        if platform is not None:
+            check_type("Model.inverse_dynamics: platform", platform, Platform)
+            check_count("Model.inverse_dynamics: platform", platform.t, len(q))
         direction = rows.get("slide", np.sign(v))
         carrier = platform if t is None else self.carried(t, platform)
         rigid = compute_rnea(self.rig, q, v, a, carrier)

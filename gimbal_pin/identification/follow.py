@@ -40,6 +40,7 @@ from gimbal_pin.regression import (
     read_window,
     solve,
 )
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -154,6 +155,7 @@ class Online:
     __repr__ = brief
 
     @staticmethod
+    @check_arguments
     def of(
         rig: Rig,
         effects: Sequence[Effect] = (),
@@ -206,6 +208,7 @@ class Online:
         rows = Block(np.zeros(0), np.zeros((0, n, k)), *[empty] * 6)
         return LogMemory(name, Learned(rows, PastRows.empty(n, k), PastRows.empty(n, 1)))
 
+    @check_arguments
     def advance(self, memory: LogMemory, log: Log) -> LogMemory:
         """Return the memory after more samples.
 
@@ -256,6 +259,7 @@ class Online:
         except DataError:
             return False
 
+    @check_arguments
     def model(self, memory: LogMemory) -> Model:
         """Return the model with its uncertainty, as `identify` gives it; `DataError` as `estimate`."""
         return to_model(self.design, self.estimate(memory))

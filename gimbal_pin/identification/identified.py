@@ -445,6 +445,7 @@ class IdentificationResult(Record):
         std = self.estimate.std
         return (self.estimate.theta - self.stated) / np.where(std > 0, std, np.nan)
 
+    @check_arguments
     def save(self, path: str | Path) -> None:
         """Write its model as ``gimbal-pin identify -o`` does: `read_model`, ``tune`` and ``studio`` take the file."""
         from gimbal_pin.identification.model_file import write_model

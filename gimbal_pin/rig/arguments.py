@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import wraps
+from contextlib import suppress
+from functools import cache, wraps
 from numbers import Integral, Real
 from types import UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
@@ -48,18 +49,25 @@ def check_arguments(function: Callable[P, R]) -> Callable[P, R]:
             raise UsageError(
                 f"{place}()", str(error), f"its arguments are {', '.join(signature.parameters)}"
             ) from error
+        hints = _resolve_annotations(function)
         for name, value in arguments.items():
-            annotation = signature.parameters[name].annotation
-            if annotation is inspect.Parameter.empty:
-                continue
-            try:
-                hint = eval(annotation, inspect.unwrap(function).__globals__)
-            except NameError:
-                continue
-            check_type(f"{place}: {name}", value, hint)
+            if name in hints:
+                check_type(f"{place}: {name}", value, hints[name])
         return function(*given, **named)
 
     return checked
+
+
+@cache
+def _resolve_annotations(function: Callable[..., object]) -> Mapping[str, Any]:
+    """Return argument → its annotated type, without those whose types the type checker alone knows."""
+    names = inspect.unwrap(function).__globals__
+    hints = dict[str, Any]()
+    for name, parameter in inspect.signature(function).parameters.items():
+        if parameter.annotation is not inspect.Parameter.empty:
+            with suppress(NameError):
+                hints[name] = eval(parameter.annotation, names)
+    return hints
 
 
 def check_type(place: str, value: object, hint: Any) -> None:
@@ -67,6 +75,15 @@ def check_type(place: str, value: object, hint: Any) -> None:
     if not _matches(value, hint):
         what = f"is {shortened(repr(value), SHOWN_CHARACTERS)}, of type {type(value).__name__}"
         raise UsageError(place, what, f"give {_describe(hint)}")
+
+
+def to_numbers(place: str, value: object, form: str) -> Array:
+    """Return an array of numbers; `UsageError` for anything else, which asks for the shape `form`."""
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        what = f"is no array of numbers ({error})"
+        raise UsageError(place, what, f"give shape {form}") from error
 
 
 def to_rows(place: str, width: int, given: Mapping[str, object]) -> dict[str, Array]:
@@ -85,11 +102,7 @@ def to_rows(place: str, width: int, given: Mapping[str, object]) -> dict[str, Ar
     for name, value in given.items():
         if value is None:
             continue
-        try:
-            array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            what = f"is no array of numbers ({error})"
-            raise UsageError(f"{place}: {name}", what, f"give shape {form}") from error
+        array = to_numbers(f"{place}: {name}", value, form)
         if not rows and (array.ndim not in (1, 2) or array.shape[-1] != width):
             raise UsageError(f"{place}: {name}", f"has shape {array.shape}", f"give shape {form}")
         first = next(iter(rows.values()), array)
@@ -100,6 +113,12 @@ def to_rows(place: str, width: int, given: Mapping[str, object]) -> dict[str, Ar
             )
         rows[name] = array
     return rows
+
+
+def check_count(place: str, value: Array, count: int) -> None:
+    """Raise `UsageError` if an array does not hold one number for each of so many samples."""
+    if value.shape != (count,):
+        raise UsageError(place, f"has shape {value.shape}", f"give one per sample, ({count},)")
 
 
 def _matches(value: object, hint: Any) -> bool:

@@ -44,12 +44,32 @@ WRONG: Mapping[str, Callable[[], Any]] = {
     r"v: has shape \(3, 2\)": lambda: MODEL.inverse_dynamics(
         *map(np.zeros, ((4, 2), (3, 2), (4, 2)))
     ),
+    r"t: has shape \(3,\)": lambda: MODEL.inverse_dynamics(*np.zeros((3, 4, 2)), t=np.zeros(3)),
+    "platform: has shape": lambda: MODEL.inverse_dynamics(*np.zeros((3, 4, 2)), platform=shaken()),
+    "platform: is 'drone'": lambda: MODEL.inverse_dynamics(
+        *np.zeros((3, 4, 2)),
+        platform="drone",  # type: ignore[arg-type]
+    ),
     "numbers": lambda: MODEL.inverse_dynamics("a", "b", "c"),  # type: ignore[arg-type]
+    "profile_s: t: is no": lambda: gp.profile_s("now"),  # type: ignore[arg-type]
+    r"profile_s: t: has shape \(\)": lambda: gp.profile_s(0.5),  # type: ignore[arg-type]
+    "Online.of: rig": lambda: gp.Online.of("turret"),  # type: ignore[arg-type]
+    "Online.advance: log": lambda: gp.Online.of(RIG).advance(
+        gp.Online.of(RIG).start(),
+        "log.csv",  # type: ignore[arg-type]
+    ),
+    "save: path: is 5": lambda: gp.identify(RIG, recorded()).save(5),  # type: ignore[arg-type]
+    "report: path: is 5": lambda: recorded().report(5),  # type: ignore[arg-type]
     "rng: is": lambda: gp.profile_s(np.linspace(0, 1, 20), -1),
     "no joint 'tilt'": lambda: gp.identify(RIG, renamed()),
     "'tilt' of rig": lambda: gp.Online.of(RIG).advance(gp.Online.of(RIG).start(), renamed()),
 }
 """Words of the refusal, which name the argument → the call."""
+
+
+def shaken() -> gp.Platform:
+    """Return a motion of the base of seven samples."""
+    return gp.profile_s(np.linspace(0, 1, 7), 0)
 
 
 def renamed() -> Log:
