@@ -213,7 +213,7 @@ def describe_outcome(found: Auto, verbose: bool = False) -> str:
 @check_arguments
 def auto(
     rig: Rig,
-    logs: Sequence[Log],
+    logs: Log | Sequence[Log],
     folder: str | Path,
     *,
     rng: Rng = None,
@@ -235,7 +235,7 @@ def auto(
 
     Args:
         rig: The rig.
-        logs: Its logs.
+        logs: One log of it, or several.
         folder: Where the files go; made if it is not there.
         rng: Source of the sensors' noise in the verification, or its seed; None: a fresh one,
             whose seed is in the result.
@@ -253,7 +253,7 @@ def auto(
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
     """
-    logs = [log.ordered(rig) for log in logs]
+    logs = [log.ordered(rig) for log in ([logs] if isinstance(logs, Log) else logs)]
     fit = partial(identify, rig, logs, estimator=estimator, holdout=holdout, filtering=filtering)
     camera = None
     if known is not None:
