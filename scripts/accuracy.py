@@ -21,7 +21,7 @@ from tqdm import tqdm
 from gimbal_pin.control import repeated, tune
 from gimbal_pin.dynamics import Model, Plant, Sensors, State, nominal, simulate
 from gimbal_pin.excitation import excite
-from gimbal_pin.identification import Identified, identify
+from gimbal_pin.identification import IdentificationResult, identify
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.regression import Filtering, Samples, Segment
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
@@ -52,7 +52,7 @@ def replay_motion(plant: Model, log: Log, tau: Array) -> Motion:
     return Motion(log.t, q, v, a)
 
 
-def identify_from_truth(rig: Rig, log: Log, tau: Array) -> Identified:
+def identify_from_truth(rig: Rig, log: Log, tau: Array) -> IdentificationResult:
     """Return the fit with the noise-free q, v and a, and with the true standstill of each joint."""
     true = replay_motion(nominal(rig), log, tau)
     measured = np.asarray(log.tau)

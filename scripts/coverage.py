@@ -26,7 +26,7 @@ from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects.rig_effect import get_payload, shift_inertia
 from gimbal_pin.errors import GimbalPinError
 from gimbal_pin.identification import (
-    Identified,
+    IdentificationResult,
     PayloadStatement,
     compare_payload,
     identify,
@@ -122,7 +122,9 @@ def is_inside(value: float, std: float, true: float) -> bool:
     return abs(value - true) <= 1.96 * std
 
 
-def judge_gimbal(found: Identified, truth: Truth, joint: int) -> Iterator[tuple[str, bool]]:
+def judge_gimbal(
+    found: IdentificationResult, truth: Truth, joint: int
+) -> Iterator[tuple[str, bool]]:
     """Yield for every figure of the bodies, and of the friction at other joints, whether its interval holds it."""
     for body, own in zip(found.bodies, truth.rig.phi.reshape(-1, 10)):
         for figure, true in zip((body.mass, *body.com, *body.inertia), compute_figures(own)):

@@ -221,7 +221,7 @@ def draw_friction() -> Figure:
                 gimbal_pin.nominal(rig), [parse_effect(one, rig) for one in each]
             ).plant
             rate = np.column_stack([v, *still.T[1:]])
-            plots.curve(axes, v, (plant.inverse(still, rate, still))[:, 0], color=colour)
+            plots.curve(axes, v, (plant.inverse_dynamics(still, rate, still))[:, 0], color=colour)
         plots.put_legend(axes, list(zip(causes, PALETTE)))
         axes.set(xlabel="rate of pan, rad/s", ylabel="torque, N m", xlim=(v[0], v[-1]))
         return figure
@@ -255,7 +255,10 @@ def draw_moving_base() -> Figure:
     motion = gimbal_pin.excite(rig, starts=1, rng=0).motion
     platform = gimbal_pin.profile_s(motion.t, make_generator(0)[0])
     model = gimbal_pin.nominal(rig)
-    each = (model.inverse(motion.q, motion.v, motion.a, platform=one) for one in (None, platform))
+    each = (
+        model.inverse_dynamics(motion.q, motion.v, motion.a, platform=one)
+        for one in (None, platform)
+    )
     still, moved = (signals.zero_phase(tau, signals.lowpass(12.0, 1e3)) for tau in each)
 
     def draw() -> Figure:

@@ -40,7 +40,7 @@ def prescribed(
 ) -> Log:
     """The log of a motion that nothing disturbs: torque by inverse dynamics, at the sample itself (alignment 0)."""
     motion = fourier(model.rig, seed, seconds, dt)
-    tau = model.inverse(motion.q, motion.v, motion.a)
+    tau = model.inverse_dynamics(motion.q, motion.v, motion.a)
     noise = (
         torque_noise
         * np.sqrt(np.mean(tau**2, axis=0))

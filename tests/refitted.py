@@ -20,7 +20,7 @@ def record(
 ) -> Log:
     """A log of a model's prescribed motion, with white torque noise, N m."""
     motion = fourier(model.rig, seed, seconds, dt)
-    tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)
+    tau = model.inverse_dynamics(motion.q, motion.v, motion.a, t=motion.t)
     tau += noise * np.random.default_rng(seed + 1).standard_normal(tau.shape)
     return Log("log", model.rig.joints, motion.t, motion.q, motion.v, tau)
 

@@ -114,7 +114,7 @@ def test_commands_and_links_of_a_page_are_there(page: Path) -> None:
 
 
 def test_the_reference_has_every_public_name() -> None:
-    """Below *Results* it lists what these return as well: names of the rooms, which exist."""
+    """Below *Results* it lists what these return and take as well; names of the rooms among it exist."""
     text = (SOURCES / "reference.md").read_text(encoding="utf-8")
     for place in re.findall(r"^::: ([\w.]+)$", text, re.M):
         room, _, name = place.rpartition(".")

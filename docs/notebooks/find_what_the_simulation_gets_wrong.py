@@ -28,7 +28,7 @@ log = gimbal_pin.bench_run(plant, rng=0, seconds=25.0)
 log
 
 # %%
-found = gimbal_pin.diagnose(rig, [log])
+found = gimbal_pin.diagnose(rig, log)
 found
 
 # %% [markdown]
@@ -36,6 +36,9 @@ found
 
 # %%
 found.after
+
+# %%
+found.errors
 
 # %%
 found.to_frame()[["cause", "joint", "status", "probability", "explained_share"]]

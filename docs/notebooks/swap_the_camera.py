@@ -10,7 +10,7 @@ from gimbal_pin.rig import make_generator
 
 first = gimbal_pin.Rig.load("turret", payload="infrared")
 log = gimbal_pin.bench_run(gimbal_pin.nominal(first), rng=0, seconds=20.0)
-known = gimbal_pin.identify(first, [log])
+known = gimbal_pin.identify(first, log)
 known
 
 # %% [markdown]
@@ -36,9 +36,7 @@ swapped
 # The gains before and after.
 
 # %%
-before, after = (
-    gimbal_pin.tune(one, disk_margin=1.0) for one in (known.model, swapped.first.model)
-)
+before, after = (gimbal_pin.tune(fit, disk_margin=1.0) for fit in (known, swapped.first))
 after
 
 # %%

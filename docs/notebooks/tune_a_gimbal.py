@@ -17,17 +17,17 @@ rig
 # %%
 plant = perturbed(rig, 0.1, make_generator(1)[0])
 log = gimbal_pin.bench_run(plant, rng=0, seconds=20.0)
-gimbal_pin.animate(rig, log)
+gimbal_pin.animate(log, rig)
 
 # %%
-found = gimbal_pin.identify(rig, [log])
-found
+fit = gimbal_pin.identify(rig, log)
+fit
 
 # %% [markdown]
 # The highest bandwidth that keeps a disk margin of 1, with a millisecond from measurement to torque.
 
 # %%
-tuning = gimbal_pin.tune(found.model, disk_margin=1.0, delay=0.001)
+tuning = gimbal_pin.tune(fit, disk_margin=1.0, delay=0.001)
 tuning
 
 # %% [markdown]
@@ -36,7 +36,7 @@ tuning
 
 # %%
 laws = pair_rivals(tuning.stored)
-judge_controllers(found.model, laws, rng=0, plants=10, delay=tuning.wish.delay)
+judge_controllers(fit.model, laws, rng=0, plants=10, delay=tuning.wish.delay)
 
 # %%
 gimbal_pin.track(plant, laws, rng=0, one_by_one=False, delay=tuning.wish.samples)

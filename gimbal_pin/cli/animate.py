@@ -92,7 +92,7 @@ def animate(
         for read, path in zip(every, list_films(output, {"logs": logs}), strict=True):
             started = perf_counter()
             shown = view.animate(
-                loaded, read, path, speed=speed, fps=fps, ghost=ghost, at=at, size=size, camera=camera, written=written,
+                read, loaded, path, speed=speed, fps=fps, ghost=ghost, at=at, size=size, camera=camera, written=written,
                 beside=other,
             )  # fmt: skip
             tell(shown.events)

@@ -42,15 +42,13 @@ def auto(
     origin = describe_origin(auto, locals())
     import numpy as np
 
-    from gimbal_pin.identification import ESTIMATORS
-    from gimbal_pin.regression import Method
     from gimbal_pin.report.pipeline import auto as run
     from gimbal_pin.report.pipeline import describe_outcome
 
     loaded, read = load_logs(rig, payload, logs, map, moving=known is None)
     first = None if known is None else read_known_gimbal(rig, payload, logs, known)
     found = run(
-        loaded, read, output, rng=np.random.default_rng(seed), estimator=ESTIMATORS[Method(estimator)], holdout=holdout,
+        loaded, read, output, rng=np.random.default_rng(seed), estimator=estimator, holdout=holdout,
         filtering=choose_filter(cutoff, alignment), wish=gains.to_wish, run=asked, mass=mass, plants=plants,
         known=first, origin=origin,
     )  # fmt: skip

@@ -13,7 +13,7 @@ from gimbal_pin.cli.present import say, tell, write_figure
 from gimbal_pin.errors import NORMAL_95, LogError, digits
 
 if TYPE_CHECKING:
-    from gimbal_pin.identification import Identified, Online, Progress
+    from gimbal_pin.identification import IdentificationResult, Online, Progress
     from gimbal_pin.log.log import Log
 
 
@@ -24,7 +24,7 @@ def learn(
     idle: float | None,
     plot: Path | None,
     as_lines: bool,
-) -> Identified:
+) -> IdentificationResult:
     """Learn from a growing log until it ends, cannot be used any longer or Ctrl-C is pressed, a line a second.
 
     `as_lines`: of JSON, else of text.

@@ -20,8 +20,8 @@ from gimbal_pin.cli.present import present, say
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.identification import Identified, Online, Several, WhenTested
-    from gimbal_pin.regression import Estimator, Filtering
+    from gimbal_pin.identification import IdentificationResult, Online, Several, WhenTested
+    from gimbal_pin.regression import Filtering
     from gimbal_pin.rig.rig import Rig
 
 
@@ -94,7 +94,6 @@ def identify(
         )
     filters = choose_filter(cutoff, alignment)
     trusted = trust or TRUST
-    chosen = choose_estimator(estimator, trusted)
     if not follow and (known is not None or len(list_tags(logs)) > 1):
         if known is None and urdf is not None:
             raise UsageError(
@@ -112,7 +111,8 @@ def identify(
             )
         estimate = partial(
             read_cameras(rig, payload, logs, map, known, extended),
-            estimator=chosen,
+            estimator=estimator,
+            trust=trusted,
             filtering=filters,
         )
         return tell_cameras(estimate, holdout, refit, mass, output, urdf, json)
@@ -123,7 +123,7 @@ def identify(
         loaded, read = load_logs(rig, payload, logs, map, moving=True)
         when: WhenTested = "always" if bias else "noisy"
         fit = partial(
-            run, loaded, read, estimator=chosen, filtering=filters, trust=trusted, examined=when
+            run, loaded, read, estimator=estimator, filtering=filters, trust=trusted, examined=when
         )
         found = identify_beside_causes(fit, loaded, extended, holdout, refit)
         write_recordings(found.model, read, filters or limit_band(read), mcap, rrd)
@@ -180,8 +180,12 @@ def start_online(
 
 
 def identify_beside_causes(
-    fit: Callable[..., Identified], rig: Rig, extended: str | None, holdout: str | None, refit: bool
-) -> Identified:
+    fit: Callable[..., IdentificationResult],
+    rig: Rig,
+    extended: str | None,
+    holdout: str | None,
+    refit: bool,
+) -> IdentificationResult:
     """Fit a rig beside the causes of an extended model, if one is named, and from all data at last, if that is asked.
 
     Args:
@@ -209,7 +213,9 @@ def identify_beside_causes(
     )
 
 
-def tell_model(found: Identified, mass: float | None, json: Path | None, as_lines: bool) -> None:
+def tell_model(
+    found: IdentificationResult, mass: float | None, json: Path | None, as_lines: bool
+) -> None:
     """Tell a model: as one more line of JSON, or as a page's sections."""
     from gimbal_pin.identification import compare_payload, report_with_payload
     from gimbal_pin.log.io.files import to_json
@@ -222,10 +228,10 @@ def tell_model(found: Identified, mass: float | None, json: Path | None, as_line
 
 
 def write_models(
-    found: Identified,
+    found: IdentificationResult,
     output: Path | None,
     urdf: Path | None,
-    each: Mapping[str, Identified] | None = None,
+    each: Mapping[str, IdentificationResult] | None = None,
 ) -> None:
     """Write the model, of every payload where there are several, and the URDF, each if it is asked for."""
     from gimbal_pin.identification.model_file import write_model
@@ -235,15 +241,3 @@ def write_models(
         write_model(found, output, each)
     if urdf is not None:
         atomic_write(urdf, found.to_urdf())
-
-
-def choose_estimator(name: str, trust: float) -> Estimator:
-    """Return the estimator of a name; `trust` is the relative width of ridge's prior."""
-    from gimbal_pin.identification import ESTIMATORS
-    from gimbal_pin.regression import Method, fit_ridge
-
-    return (
-        partial(fit_ridge, trust=trust)
-        if Method(name) is Method.RIDGE
-        else ESTIMATORS[Method(name)]
-    )

@@ -187,7 +187,7 @@ def perturb_plant(model: Model, reference: Motion, delay: float, rng: np.random.
     rows = zip(rig.joints, missed if is_torque else (), reference.q.T, reference.v.T)
     rest = [draw_torque(joint, x, rms, rng) for joint, rms, *x in rows if rms]
     rest += draw_standstill_friction(model, rng) if missed else []
-    held = model.inverse(reference.q[:1], *np.zeros((3, 1, rig.n)))[0]
+    held = model.inverse_dynamics(reference.q[0], *np.zeros((2, rig.n)))
     std = np.array(density or [0.0] * rig.n) / np.sqrt(2 * float(reference.t[1] - reference.t[0]))
     noise = std[:, None] * rng.standard_normal((len(std), len(reference.t)))
     drawn = zip(rig.joints, held.tolist(), noise.tolist())

@@ -83,7 +83,7 @@ def shrink_steps(plant: Model, steps: Sequence[float], move: float) -> Array:
     for _ in range(40):
         reference = minimum_jerk(start, start + goal, dt=move / 50, move=move)
         share = (
-            np.abs(plant.inverse(reference.q, reference.v, reference.a)).max(axis=0)
+            np.abs(plant.inverse_dynamics(reference.q, reference.v, reference.a)).max(axis=0)
             / plant.rig.tau_max
         )
         if (share <= ROOM).all():

@@ -50,6 +50,7 @@ from gimbal_pin.control.laws.uncertainty import DRAWN_MODELS, Ratios, draw_inert
 from gimbal_pin.dynamics.model import Model, read_model_data
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import ModelError, UsageError, finite_or_none
+from gimbal_pin.identification.identified import IdentificationResult
 from gimbal_pin.identification.model_file import describe_uncertainty, read_known_parameters
 from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.rig.arguments import check_arguments
@@ -165,6 +166,7 @@ class Tuning(Record):
             model.rig.joints, loops, self.worst, wish.dt, wish.delay, model.drives, self.ratios
         )
 
+    @check_arguments
     def save(self, path: str | Path) -> None:
         """Write it as ``gimbal-pin tune -o`` does: `read_controller`, ``track`` and ``export`` take the file."""
         write_controller(self, path, Path(path).parent)
@@ -279,7 +281,7 @@ class TuningBasis:
 @limit_to_one_thread()
 @check_arguments
 def tune(
-    model: Model,
+    model: Model | IdentificationResult,
     *,
     bandwidth_hz: float | Mapping[str, float] | None = None,
     damping: float = 1.0,
@@ -297,12 +299,12 @@ def tune(
     that until the disk margin is kept, and says so. Both hold for the worst of `DRAWN_MODELS` models drawn from the
     covariance, the drive's lags and delays included.
 
-        model = identify(rig, logs, examined="never").model
-        tuning = tune(model, disk_margin=1.0, delay=0.001)
-        log = simulate(model, tuning.controller, reference, rng=rng)
+        fit = identify(rig, log)
+        tuning = tune(fit, disk_margin=1.0, delay=0.001)
+        log = simulate(fit.model, tuning.controller, reference, rng=rng)
 
     Args:
-        model: The model to invert; a PID takes only its inertias.
+        model: The model to invert, or a fit, whose model it is; a PID takes only its inertias.
         bandwidth_hz: ω/2π, Hz: one for all joints, or joint → Hz. The loop's gain is one at about 2 ζ times that.
             None: the highest that keeps `disk_margin`, or 8 Hz where that is None too.
         damping: ζ.
@@ -320,6 +322,8 @@ def tune(
         UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, a disk margin
             that no bandwidth keeps, α ≥ 1.
     """
+    if isinstance(model, IdentificationResult):
+        model = model.model
     logged = None if model.estimated is None else model.estimated.dt
     wish = Wish.of(
         model,

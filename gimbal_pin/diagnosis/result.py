@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from gimbal_pin.checks import Alteration, Fault, describe_parameters, list_alterations
 from gimbal_pin.diagnosis.explanation import Explanation
@@ -25,7 +25,11 @@ from gimbal_pin.identification import PayloadStatement
 from gimbal_pin.identification.model_file import write_extended
 from gimbal_pin.identification.validation import Opinion, is_degraded, judge_joint
 from gimbal_pin.log.log import Log
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 MEASURED_CAUSE = "platform-motion"
 """Cause that a sensor measures: `identify` has it as well, given a log with that sensor."""
@@ -214,9 +218,26 @@ class Diagnosis(Record):
     ROWS: ClassVar[str] = "findings"
     __repr__ = brief
 
+    @check_arguments
     def save(self, path: str | Path) -> None:
         """Write the extended model, which `read_model`, ``tune``, ``track`` and ``studio`` read."""
         write_extended(self.after, path)
+
+    @property
+    def errors(self) -> DataFrame:
+        """Table of the held-out errors, a row per joint and model; without rows where the logs are spoilt.
+
+        Columns: joint; model: urdf, refitted or extended; torque_rmse, N m (N of a slide); fit_percent, see `Errors`.
+        """
+        import pandas as pd
+
+        stages = {} if self.held_out is None else self.held_out.stages
+        rows = [
+            (joint, model.lower(), rmse, one.fit_percent[joint])
+            for model, one in stages.items()
+            for joint, rmse in one.torque_rmse.items()
+        ]
+        return pd.DataFrame(rows, columns=["joint", "model", "torque_rmse", "fit_percent"])
 
     @cached_property
     def untestable(self) -> tuple[Untestable, ...]:

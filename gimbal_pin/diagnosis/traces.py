@@ -116,7 +116,7 @@ def _compute_error(model: Model, part: Stretch) -> Array:
     """Return acting torque less what the model asks for the same motion, N m, (m, n)."""
     x = part.samples
     platform = None if x.platform is None else replace(x.platform, t=part.time)
-    asked = model.inverse(
+    asked = model.inverse_dynamics(
         x.q, x.v, x.a, part.direction, part.time, part.temperature, platform, part.losses
     )
     acting: Array = x.tau.copy()

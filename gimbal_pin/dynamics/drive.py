@@ -57,7 +57,7 @@ def compute_joint_load(
         compute_inertia_column(plant.rig, state.q[None], joint)[0], joint, plant.armature[joint]
     )
     terms = [term for term in plant.by_joint[joint] if is_motor_friction(term.effect)]
-    asked = float(plant.inverse(state.q[None], state.v[None], 0.0 * state.v[None])[0, joint])
+    asked = float(plant.inverse_dynamics(state.q, state.v, 0.0 * state.v)[joint])
     slides = [
         float(sum(t.torque(Sample(0.0, q, rate, 0.0, way, 0.0)) for t in terms))
         for way in (-1.0, 1.0)

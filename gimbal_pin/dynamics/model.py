@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from gimbal_pin.dynamics.reduction import spread_states
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_rnea
@@ -19,7 +20,7 @@ from gimbal_pin.effects.plain import read_cause, read_term
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.rig.arguments import check_arguments, to_rows
+from gimbal_pin.rig.arguments import check_arguments, check_count, check_type, to_rows
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.records import prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
@@ -207,42 +208,56 @@ class Model(Record):
             platform = change.carried(t, platform)
         return platform
 
-    def inverse(
+    def inverse_dynamics(
         self,
-        q: Array,
-        v: Array,
-        a: Array,
-        slide: Array | None = None,
-        t: Array | None = None,
-        temperature: Array | None = None,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        slide: ArrayLike | None = None,
+        t: ArrayLike | None = None,
+        temperature: ArrayLike | None = None,
         platform: Platform | None = None,
         losses: Sequence[Losses] | None = None,
     ) -> Array:
-        """Torque that moves the rig as given, N m: ``tau = rnea(q, v, a) + passive(tau)``, iterated where it must be.
+        """Return the torque that moves the rig as given, N m, (N, n), or (n,) of one pose.
+
+        ``tau = rnea(q, v, a; phi) + passive(tau)`` (thesis 3.70), iterated where a term depends on the total torque.
 
         Args:
-            q: Angles, rad, (N, n), of consecutive samples where a term has a memory.
-            v: Rates, rad/s, (N, n).
-            a: Accelerations, rad/s², (N, n).
-            slide: Direction of sliding in [-1, 1], (N, n); sign(v) if None.
-            t: Time, s, (N,); zero if None.
-            temperature: Motor temperatures, °C, (N, n); ambient if None.
+            q: Angles, rad, (N, n), of consecutive samples where a term has a memory; or one pose, (n,).
+            v: Rates, rad/s, of the same shape.
+            a: Accelerations, rad/s², of the same shape.
+            slide: Direction of sliding in [-1, 1], of the same shape; sign(v) if None.
+            t: Time, s, (N,), or a number of one pose; zero if None.
+            temperature: Motor temperatures, °C, of the shape of q; ambient if None.
             platform: Motion of the base at the same samples; None: it stands upright.
-            losses: What each motor turned into heat, (n); None: nobody knows.
+            losses: Heat of each motor, (n); None: not known.
+
+        Raises:
+            UsageError: An array is of another shape, or holds no numbers; `platform` is none of the same samples.
         """
-        q, v, a = (
-            to_rows(f"Model.inverse: {name}", x, self.rig.n)
-            for name, x in (("q", q), ("v", v), ("a", a))
-        )
-        direction = np.sign(v) if slide is None else slide
+        given = {"q": q, "v": v, "a": a, "slide": slide, "temperature": temperature}
+        rows = to_rows("Model.inverse_dynamics", self.rig.n, given)
+        is_one_pose = rows["q"].ndim == 1
+        rows = {name: np.atleast_2d(x) for name, x in rows.items()}
+        q, v, a = (rows[name] for name in "qva")
+        if t is not None:
+            t = np.atleast_1d(t)
+            check_count("Model.inverse_dynamics: t", t, len(q))
+        if platform is not None:
+            check_type("Model.inverse_dynamics: platform", platform, Platform)
+            check_count("Model.inverse_dynamics: platform", platform.t, len(q))
+        direction = rows.get("slide", np.sign(v))
         carrier = platform if t is None else self.carried(t, platform)
         rigid = compute_rnea(self.rig, q, v, a, carrier)
         weight = self.weight(q, carrier)
 
         def total(tau: Array) -> Array:
-            return rigid + self.passive(q, v, a, direction, tau, t, temperature, losses, weight)
+            own = (direction, tau, t, rows.get("temperature"), losses, weight)
+            return rigid + self.passive(q, v, a, *own)
 
-        return _solve_implicit_torque(total, rigid) if self.loaded else total(rigid)
+        tau = _solve_implicit_torque(total, rigid) if self.loaded else total(rigid)
+        return tau[0] if is_one_pose else tau
 
     def passive(
         self,

@@ -160,7 +160,7 @@ def predict_estimate(
         if is_motor_friction(term.effect) and any(term.values)
     }
     values: dict[Effect, tuple[float, ...]] = {term.effect: term.values for term in model.terms}
-    tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)
+    tau = model.inverse_dynamics(motion.q, motion.v, motion.a, t=motion.t)
     size = np.maximum(np.sqrt(np.mean(tau**2, axis=0)), 1e-300)
     found = model.estimated
     # The defaults are the medians of `scripts/plants`.
@@ -224,7 +224,7 @@ def record_log(
     """Return the log of a motion that is followed exactly, with its torque at the sample and the sensors' noise."""
     sensors = Sensors.of(model.rig, float(np.median(np.diff(motion.t))))
     shape = motion.q.shape
-    tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)
+    tau = model.inverse_dynamics(motion.q, motion.v, motion.a, t=motion.t)
     tau = tau + torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(shape)
     q = np.stack([sensors.angle(one) for one in motion.q])
     v = motion.v + sensors.rate_std * rng.standard_normal(shape)

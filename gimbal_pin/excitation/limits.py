@@ -97,7 +97,9 @@ class Envelope:
     @staticmethod
     def _push(model: Model, motion: Motion, sign: float) -> Array:
         """The model's torque with all dry friction in one direction, N m, (N, n)."""
-        return model.inverse(motion.q, motion.v, motion.a, np.full_like(motion.q, sign), motion.t)
+        return model.inverse_dynamics(
+            motion.q, motion.v, motion.a, np.full_like(motion.q, sign), motion.t
+        )
 
     def differentiate_torque_shares(self, model: Model, motion: Motion) -> Array:
         """Derivative of `compute_torque_shares` of each joint to each joint's q, v, a, (2, 3, N, n, n).

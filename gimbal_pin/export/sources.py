@@ -25,7 +25,7 @@ from gimbal_pin.export.equations import LawEquations
 from gimbal_pin.export.navigation import NavigationEquations
 from gimbal_pin.export.symbolic import Chain, checked, table
 from gimbal_pin.log.io.files import atomic_write, write_run
-from gimbal_pin.log.log import Imu
+from gimbal_pin.log.log import Array, Imu
 from gimbal_pin.pointing import guard
 from gimbal_pin.pointing.bench import WANTED, rehearse_platform
 from gimbal_pin.pointing.forecast import FALL, RISE, TAPS, Spectrum
@@ -135,7 +135,7 @@ def holder(stored: StoredController, imu: tuple[Any, Imu] | None = None) -> Poin
 
 @check_arguments
 def export_controller(
-    controller: Tuning | StoredController, imu: tuple[Any, Imu] | None = None
+    controller: Tuning | StoredController, imu: tuple[Array, Imu] | None = None
 ) -> Exported:
     """Return a controller's C99 sources; `Exported.write` puts them into a folder.
 

@@ -23,7 +23,7 @@ from .follow import Online as Online
 from .follow import Progress as Progress
 from .follow import iterate_progress as iterate_progress
 from .follow import report_progress as report_progress
-from .identified import Identified as Identified
+from .identified import IdentificationResult as IdentificationResult
 from .identified import describe_common_residual as describe_common_residual
 from .identified import describe_faults as describe_faults
 from .model_file import read_known as read_known

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.identification.fitting import given_beta
-from gimbal_pin.identification.identified import Identified
+from gimbal_pin.identification.identified import IdentificationResult
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import compute_wald, map_phi_to_base, project_rows, whiten
 from gimbal_pin.rig.brief import brief
@@ -94,7 +94,7 @@ class BaseDifference:
     weighting: Array
 
     @staticmethod
-    def of(found: Identified) -> BaseDifference:
+    def of(found: IdentificationResult) -> BaseDifference:
         """Return what `identify` found less the rig that it was given."""
         rig = found.model.rig.with_phi(found.given)
         width = len(found.reduction.independent)

@@ -34,7 +34,7 @@ from gimbal_pin.identification import payload_change
 from gimbal_pin.identification.agreement import assess_agreement
 from gimbal_pin.identification.bias_test import WhenTested, check_bias
 from gimbal_pin.identification.estimators import find_estimator
-from gimbal_pin.identification.identified import Identified, describe_faults
+from gimbal_pin.identification.identified import IdentificationResult, describe_faults
 from gimbal_pin.identification.requirements import check_enough, check_seen, find_unseen
 from gimbal_pin.identification.validation import Accuracy, Validation, measure_accuracy
 from gimbal_pin.log.log import Array, Log, drop_repeated_logs, find_interval
@@ -52,6 +52,7 @@ from gimbal_pin.regression import (
     add_misfit,
     align_rows,
     bound_deviations,
+    check_trust,
     classify_base_motion,
     compute_blocks,
     fit_weighted,
@@ -117,7 +118,7 @@ def assemble_result(
     tested: Sequence[Block] | None,
     how: str,
     trust: float = TRUST,
-) -> Identified:
+) -> IdentificationResult:
     """Return what is known once the parameters of some rows are estimated: model, accuracy, nearest physical bodies.
 
     The model has these bodies where no rig could move with the estimated ones.
@@ -141,7 +142,7 @@ def assemble_result(
         model = replace(model, rig=model.rig.with_phi(consistent.phi))
     moved = np.concatenate([block.A[:, :, : len(shift)] @ shift for block in blocks])
     change = np.sqrt(np.mean(moved**2, axis=0))
-    found = Identified(
+    found = IdentificationResult(
         model=model,
         reduction=design.reduction,
         estimate=estimate,
@@ -161,7 +162,9 @@ def assemble_result(
     )
 
 
-def _measure_simpler_models(found: Identified, blocks: Sequence[Block]) -> tuple[Accuracy, ...]:
+def _measure_simpler_models(
+    found: IdentificationResult, blocks: Sequence[Block]
+) -> tuple[Accuracy, ...]:
     """Return the accuracy of the URDF, and of its bodies with the fitted friction and effects, on some rows."""
     given = np.nan_to_num(found.stated)
     width = len(found.reduction.independent)
@@ -173,7 +176,9 @@ def _measure_simpler_models(found: Identified, blocks: Sequence[Block]) -> tuple
     )
 
 
-def add_misfit_and_lags(found: Identified, missed: Sequence[Misfit], late: Array) -> Identified:
+def add_misfit_and_lags(
+    found: IdentificationResult, missed: Sequence[Misfit], late: Array
+) -> IdentificationResult:
     """Return an estimate, and its model, with what the model misses at each joint, and when the torques act.
 
     Args:
@@ -269,12 +274,12 @@ def identify(
     logs: Log | Sequence[Log],
     effects: Sequence[Effect | str] = (),
     *,
-    estimator: Estimator | str = fit_weighted,
+    estimator: Estimator | str = "weighted",
     holdout: str | None = None,
     filtering: Filtering | None = None,
     examined: WhenTested = "noisy",
     trust: float = TRUST,
-) -> Identified:
+) -> IdentificationResult:
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
 
     Where a log holds the base's IMU and that says that the base moved or leant, its motion is part of the equations,
@@ -286,14 +291,14 @@ def identify(
         logs: One trajectory, or several; each is filtered on its own and none is joined to another.
         effects: Effects on top of Coulomb and viscous friction, or their words as on the command line, such as
             ``cogging:yaw:harmonic=42``, in which no coefficient need be.
-        estimator: Blocks → `Estimate`; or the name of one of `ESTIMATORS`.
+        estimator: Name of one of `ESTIMATORS`, or a function: blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
         filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns.
         examined: Whether to test if least squares is biased on these logs, see `check_bias`, and, unless "never",
             what is wrong with the data beside what is mended, whether the halves are of one rig, see
             `payload_change.compare_halves`, whether several logs agree, see `agreement.assess_agreement`, and the least
             deviations that logs of a base that turned allow.
-        trust: Relative standard deviation of the URDF's masses, see `estimate_bodies`.
+        trust: Relative standard deviation of the URDF's masses, see `estimate_bodies`; the prior of "ridge" is as wide.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
@@ -312,7 +317,8 @@ def identify(
             raise UsageError(
                 f"effect '{effect.name}'", what, "leave it out: 'diagnose' estimates it"
             )
-    method = find_estimator(estimator) if isinstance(estimator, str) else estimator
+    check_trust(trust)
+    method = find_estimator(estimator, trust)
     logs, repeated = drop_repeated_logs(logs)
     checked = [
         check_log(rig, log, filtering=filtering, repairs_only=examined == "never") for log in logs
@@ -469,7 +475,9 @@ def _reads_torque_or_table(effect: Effect) -> bool:
     return effect.loaded or isinstance(effect, TorqueTable)
 
 
-def keep_held_out_accuracy(judged: Identified, whole: Identified) -> Identified:
+def keep_held_out_accuracy(
+    judged: IdentificationResult, whole: IdentificationResult
+) -> IdentificationResult:
     """Return an estimate from all data with the held-out accuracy of one that had not seen what was held out.
 
     That accuracy is of fewer data than the result has, so it errs on the safe side.

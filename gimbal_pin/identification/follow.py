@@ -15,7 +15,7 @@ from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.identification.fitting import assemble_result, to_model
-from gimbal_pin.identification.identified import Identified
+from gimbal_pin.identification.identified import IdentificationResult
 from gimbal_pin.identification.payload_change import payload_directions
 from gimbal_pin.identification.payloads import get_known_parameters
 from gimbal_pin.identification.requirements import check_motors, find_unseen
@@ -40,6 +40,7 @@ from gimbal_pin.regression import (
     read_window,
     solve,
 )
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -154,6 +155,7 @@ class Online:
     __repr__ = brief
 
     @staticmethod
+    @check_arguments
     def of(
         rig: Rig,
         effects: Sequence[Effect] = (),
@@ -206,6 +208,7 @@ class Online:
         rows = Block(np.zeros(0), np.zeros((0, n, k)), *[empty] * 6)
         return LogMemory(name, Learned(rows, PastRows.empty(n, k), PastRows.empty(n, 1)))
 
+    @check_arguments
     def advance(self, memory: LogMemory, log: Log) -> LogMemory:
         """Return the memory after more samples.
 
@@ -256,11 +259,12 @@ class Online:
         except DataError:
             return False
 
+    @check_arguments
     def model(self, memory: LogMemory) -> Model:
         """Return the model with its uncertainty, as `identify` gives it; `DataError` as `estimate`."""
         return to_model(self.design, self.estimate(memory))
 
-    def identified(self, memory: LogMemory) -> Identified:
+    def identified(self, memory: LogMemory) -> IdentificationResult:
         """Return what `identify` returns; held out are the rows before they were learned, where that was possible.
 
         Raises:

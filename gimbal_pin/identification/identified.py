@@ -3,31 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from gimbal_pin.checks import Alteration, CheckedLog, Mounting, list_alterations
+from gimbal_pin.checks import Alteration, CheckedLog, Mounting, check_log, list_alterations
+from gimbal_pin.checks.calibration import correct_imus
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.effects import ALWAYS
-from gimbal_pin.errors import UsageError, digits, finite_or_none, format_estimate
+from gimbal_pin.errors import (
+    NORMAL_95,
+    DataError,
+    UsageError,
+    digits,
+    finite_or_none,
+    format_estimate,
+)
 from gimbal_pin.identification.agreement import Agreement
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, estimate_bodies
 from gimbal_pin.identification.validation import Accuracy, Opinion, is_degraded
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, map_phi_to_base
+from gimbal_pin.regression import (
+    TRUST,
+    Design,
+    Estimate,
+    Filtering,
+    Misfit,
+    find_moving_base,
+    map_phi_to_base,
+    split_segments,
+)
 from gimbal_pin.regression.consistency import Consistent
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.inertia import to_urdf
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 from gimbal_pin.rig.urdf import replace_friction
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 NEGATIVE_FROM = 3.0
 """Deviations under zero from which a parameter that cannot be negative is said to be: one in 700 is by chance."""
@@ -54,7 +75,7 @@ def describe_faults(checked: Sequence[CheckedLog]) -> tuple[str, ...]:
     )
 
 
-def _iterate_warnings(found: Identified) -> Iterator[str]:
+def _iterate_warnings(found: IdentificationResult) -> Iterator[str]:
     """Yield what does not hold, which joints are not explained, the logs' faults, then what else is wrong."""
     yield from map(str, found.model.doubts)
     yield from _iterate_unexplained(found)
@@ -73,7 +94,7 @@ def _iterate_warnings(found: Identified) -> Iterator[str]:
             yield f"{joint}: {100 * (1 - used):.0f} % of the samples are {what}: the parameters are of the rest"
 
 
-def _iterate_unexplained(found: Identified) -> Iterator[str]:
+def _iterate_unexplained(found: IdentificationResult) -> Iterator[str]:
     """Yield the joints whose torque follows from their motion in a way that the model does not hold."""
     for joint, opinion in found.opinions.items():
         if opinion is not Opinion.NOT_EXPLAINED:
@@ -97,7 +118,7 @@ def _iterate_unexplained(found: Identified) -> Iterator[str]:
         yield f"{joint} is {opinion.value}: {', '.join(parts)}; run 'gimbal-pin diagnose'"
 
 
-def _iterate_common_residual(found: Identified) -> Iterator[str]:
+def _iterate_common_residual(found: IdentificationResult) -> Iterator[str]:
     """Yield what `describe_common_residual` says of the rows that were fitted, where the motion's noise was judged."""
     rig = found.model.rig
     train = found.train
@@ -142,7 +163,7 @@ def describe_common_residual(
     return (f"{what} that was found: {mend}; else look for contact, or for what changes with time",)
 
 
-def _iterate_negative(found: Identified) -> Iterator[str]:
+def _iterate_negative(found: IdentificationResult) -> Iterator[str]:
     """Yield the friction and the moments of inertia that are significantly under zero; then those that only may be.
 
     A value under zero that its deviation explains is a value that the logs do not determine.
@@ -173,7 +194,7 @@ def _iterate_negative(found: Identified) -> Iterator[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Identified(Record):
+class IdentificationResult(Record):
     """The result of `identify`.
 
     Attributes:
@@ -257,7 +278,7 @@ class Identified(Record):
                 head,
                 *parts,
                 *notes,
-                "names, estimate, bodies, model, to_dict() and to_urdf() hold the rest",
+                "params, cov, bodies, model, to_dict() and to_urdf() hold the rest",
             ]
         )
 
@@ -274,6 +295,104 @@ class Identified(Record):
             joint: judged.judge(joint, missed, self.simpler)
             for joint, missed in self.missed.items()
         }
+
+    @property
+    def params(self) -> DataFrame:
+        """Table of the estimated parameters, one row each, in the order of `cov`.
+
+        Columns: name; value, std and the 95 % interval, low to high = value ∓ 1.96 std, all in SI units, in which unit
+        stands; urdf, the URDF's value, NaN where it states none. A parameter that the logs do not show has an infinite
+        std.
+        """
+        import pandas as pd
+
+        value = self.estimate.theta
+        half = NORMAL_95 * self.estimate.std
+        return pd.DataFrame(
+            {
+                "name": self.names,
+                "value": value,
+                "std": self.estimate.std,
+                "low": value - half,
+                "high": value + half,
+                "unit": self.units,
+                "urdf": self.stated,
+            }
+        )
+
+    @property
+    def cov(self) -> Array:
+        """Covariance of the parameters, in the order of `params`, (k, k); SI units."""
+        return self.estimate.covariance
+
+    @check_arguments
+    def predict(self, log: Log, *, masked: bool = True) -> DataFrame:
+        """Return the torque that the parameters give the motion of a log, ``A theta``, N m: a column per joint.
+
+        Its rows are those of the fit, two per period of the cutoff, low-passed at it; the index is their time t, s.
+        The measured torque at them is ``predict(log) + residual(log)``. For the torque of a motion without a filter see
+        `Model.inverse_dynamics`.
+
+        Args:
+            log: A log of the rig, with or without torque, which need not be among those of the fit. What the fit
+                would mend in it is mended, see `checks.check_log`; without torque only its IMUs are turned.
+            masked: Weight the rows down to zero near standstill, as the fit does, since there the motion does not tell
+                the direction of dry friction. False: that direction is taken from the rate's sign.
+
+        Raises:
+            DataError: The log is shorter than the filter's memory.
+            LogError: It lacks a joint of the rig, or samples lie too far apart.
+        """
+        if log.tau is not None:
+            return self._compare(self._mend(log), masked)[0]
+        rig = self.model.rig
+        log = log.ordered(rig)
+        turned = [log, *(after for _, after in correct_imus(rig, log)[0])][-1]
+        # No column reads the torque, so that any will do.
+        return self._compare(replace(turned, tau=np.zeros_like(log.q)), masked)[0]
+
+    @check_arguments
+    def residual(self, log: Log, *, masked: bool = True) -> DataFrame:
+        """Return the measured torque of a log less `predict`, ``b - A theta``, N m: a column per joint.
+
+        Args:
+            log: A log of the rig with torque.
+            masked: As for `predict`; then it is the residual that the fit minimised, where the log was fitted.
+
+        Raises:
+            DataError: The log has no torque, or is shorter than the filter's memory.
+            LogError: It lacks a joint of the rig, or samples lie too far apart.
+        """
+        predicted, measured = self._compare(self._mend(log), masked)
+        return measured - predicted
+
+    def _mend(self, log: Log) -> Log:
+        """Return a log as the fit would take it."""
+        rig = self.model.rig
+        return check_log(rig, log, filtering=self.filtering, repairs_only=True).log
+
+    def _compare(self, log: Log, masked: bool) -> tuple[DataFrame, DataFrame]:
+        """Return the predicted and the measured torque at the rows of a log, N m."""
+        import pandas as pd
+
+        rig = self.model.rig.with_phi(self.given)
+        effects = tuple(term.effect for term in self.model.terms)
+        # Without logs the design keeps the equation of a joint without a motor as it stands: its torque is zero.
+        design = Design(rig, self.reduction, effects, (), self.filtering, masked)
+        carrier = find_moving_base(rig, log)
+        segments = split_segments(log, self.filtering.cutoff)
+        blocks = [block for part in segments for block in design.build_blocks(part, carrier)]
+        if not blocks:
+            raise DataError(log.name, "is shorter than the filter's memory", "record more")
+        t = pd.Index(np.concatenate([block.t for block in blocks]), name="t")
+        theta = self.estimate.theta
+        predicted = np.concatenate([block.A @ theta + block.known for block in blocks])
+        measured = np.concatenate([block.b + block.known for block in blocks])
+        joints = list(rig.joints)
+        return (
+            pd.DataFrame(predicted, index=t, columns=joints),
+            pd.DataFrame(measured, index=t, columns=joints),
+        )
 
     @property
     def physical(self) -> bool:
@@ -326,6 +445,7 @@ class Identified(Record):
         std = self.estimate.std
         return (self.estimate.theta - self.stated) / np.where(std > 0, std, np.nan)
 
+    @check_arguments
     def save(self, path: str | Path) -> None:
         """Write its model as ``gimbal-pin identify -o`` does: `read_model`, ``tune`` and ``studio`` take the file."""
         from gimbal_pin.identification.model_file import write_model

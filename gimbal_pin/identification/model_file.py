@@ -1,4 +1,4 @@
-"""Identified models as YAML: what `identify -o` writes and `tune` reads."""
+"""IdentificationResult models as YAML: what `identify -o` writes and `tune` reads."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from gimbal_pin.dynamics.model import Doubt, Estimated, Model, read_model_data
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.errors import ModelError
-from gimbal_pin.identification.identified import Identified
+from gimbal_pin.identification.identified import IdentificationResult
 from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.regression import map_phi_to_base
 from gimbal_pin.rig.reading import read_yaml
@@ -24,7 +24,9 @@ KIND = "gimbal_pin model"
 
 
 def write_model(
-    identified: Identified, path: str | Path, payloads: Mapping[str, Identified] | None = None
+    identified: IdentificationResult,
+    path: str | Path,
+    payloads: Mapping[str, IdentificationResult] | None = None,
 ) -> None:
     """Write a model with its parameters' covariance, whole or not at all.
 
@@ -44,7 +46,7 @@ def write_model(
     write_yaml(content, path)
 
 
-def _describe_payload_model(identified: Identified, path: str | Path) -> dict[str, Any]:
+def _describe_payload_model(identified: IdentificationResult, path: str | Path) -> dict[str, Any]:
     """Return the part of a file that speaks of one payload."""
     model = identified.model
     known = identified.model.estimated

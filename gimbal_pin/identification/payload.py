@@ -22,7 +22,7 @@ from gimbal_pin.effects.rig_effect import (
 from gimbal_pin.errors import NORMAL_95, UsageError, digits, finite_or_none, format_estimate
 from gimbal_pin.identification.balance import Balance, KnownMass, compute_balance
 from gimbal_pin.identification.difference import FALSE_ALARM, BaseDifference, ShownChange
-from gimbal_pin.identification.identified import Identified
+from gimbal_pin.identification.identified import IdentificationResult
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import FORM_ERROR, TRUST, compute_deformation_root, find_base_columns
 from gimbal_pin.rig.brief import brief
@@ -373,7 +373,7 @@ class PayloadStatement:
         }
 
 
-def compare_payload(found: Identified, mass: float | None = None) -> PayloadStatement:
+def compare_payload(found: IdentificationResult, mass: float | None = None) -> PayloadStatement:
     """Compare what `identify` found with the rig that it was given; `mass`: the payload's, kg, where it was weighed."""
     if found.is_of_two_rigs:
         return PayloadStatement()
@@ -406,7 +406,7 @@ def state_payload(
     )
 
 
-def report_with_payload(found: Identified, payload: PayloadStatement) -> dict[str, Any]:
+def report_with_payload(found: IdentificationResult, payload: PayloadStatement) -> dict[str, Any]:
     """Return what JSON holds of an identification, and of the payload."""
     return {**found.to_dict(), **payload.to_dict()}
 

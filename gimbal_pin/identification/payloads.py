@@ -33,6 +33,7 @@ from gimbal_pin.effects.rig_effect import RigEffect, get_payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification.bodies import update_bodies
 from gimbal_pin.identification.difference import BaseDifference
+from gimbal_pin.identification.estimators import find_estimator
 from gimbal_pin.identification.fitting import (
     add_misfit_and_lags,
     assemble_result,
@@ -41,7 +42,7 @@ from gimbal_pin.identification.fitting import (
     keep_held_out_accuracy,
     split_logs,
 )
-from gimbal_pin.identification.identified import Identified, describe_faults
+from gimbal_pin.identification.identified import IdentificationResult, describe_faults
 from gimbal_pin.identification.known_gimbal import (
     compute_limit,
     describe_contradiction,
@@ -146,7 +147,7 @@ class Several(Record):
         known: The gimbal with the reference, as it was known before the logs; None where it was not.
     """
 
-    identified: Mapping[str, Identified]
+    identified: Mapping[str, IdentificationResult]
     cameras: Mapping[str, CameraEstimate]
     reference: str
     mass: float | None = None
@@ -156,7 +157,7 @@ class Several(Record):
     __repr__ = brief
 
     @property
-    def first(self) -> Identified:
+    def first(self) -> IdentificationResult:
         """The gimbal with the reference, or with the first payload where that has no log."""
         return self.identified.get(self.reference, next(iter(self.identified.values())))
 
@@ -217,7 +218,10 @@ class Several(Record):
 
 
 def compare_camera(
-    found: Identified, camera: CameraEstimate, mass: float | None, known: Model | None = None
+    found: IdentificationResult,
+    camera: CameraEstimate,
+    mass: float | None,
+    known: Model | None = None,
 ) -> PayloadStatement:
     """Compare a camera on a known gimbal with its URDF; one that was not estimated is compared with its gimbal.
 
@@ -389,7 +393,7 @@ def _conclude_camera(
     known: tuple[Array, Array],
     missed: Sequence[Misfit],
     late: Array,
-) -> tuple[Identified, CameraEstimate]:
+) -> tuple[IdentificationResult, CameraEstimate]:
     """Return the gimbal with one camera, ``theta + K_c gamma``, and that camera: the reference's stated one and gamma.
 
     Args:
@@ -487,7 +491,8 @@ def identify_several(
     logs: Mapping[str, Sequence[Log]],
     effects: Sequence[Effect] = (),
     *,
-    estimator: Estimator = fit_weighted,
+    estimator: Estimator | str = "weighted",
+    trust: float = TRUST,
     holdout: str | None = None,
     filtering: Filtering | None = None,
 ) -> Several:
@@ -497,7 +502,8 @@ def identify_several(
         rigs: Payload → the gimbal with it.
         logs: Payload → its logs; each is split at two thirds of its time.
         effects: Effects on top of Coulomb and viscous friction, the gimbal's.
-        estimator: Blocks → `Estimate`.
+        estimator: As for `identify`.
+        trust: As for `identify`.
         holdout: "last-third" or "none"; None: the last third.
         filtering: Cutoff and alignment.
 
@@ -527,7 +533,7 @@ def identify_several(
     prior = np.column_stack(
         [block_diag(*(x[:, :-1] for x in priors)), np.concatenate([x[:, -1] for x in priors])]
     )
-    alone = _fit_with_wide_prior(estimator, joint, prior)
+    alone = _fit_with_wide_prior(find_estimator(estimator, trust), joint, prior)
     check_seen(first.logs[0].name, first.names, joint, alone)
     estimate, missed = add_misfit(joint, alone, len(order))
     estimate = add_lag_spread(joint, estimate, late)
@@ -594,7 +600,8 @@ def identify_new(
     logs: Sequence[Log],
     known: Model,
     *,
-    estimator: Estimator = fit_weighted,
+    estimator: Estimator | str = "weighted",
+    trust: float = TRUST,
     holdout: str | None = None,
     filtering: Filtering | None = None,
 ) -> Several:
@@ -606,7 +613,8 @@ def identify_new(
         rig: The gimbal with the new camera.
         logs: Some 10 s of motion.
         known: A model that `identify` or `diagnose` wrote, of the gimbal with another camera; its causes are kept.
-        estimator: Blocks → `Estimate`.
+        estimator: As for `identify`.
+        trust: As for `identify`.
         holdout: As for `identify`; None: "none", for there is little to hold out.
         filtering: Cutoff and alignment.
 
@@ -616,6 +624,7 @@ def identify_new(
         LogError: A torque has the wrong sign, or two have changed places, see `checks.check_assignment`; or
             one is in another unit, or acts too early or late, see `checks.check_time`.
     """
+    method = find_estimator(estimator, trust)
     rig = apply_changes(rig, known.changes)
     before = get_known_parameters(known)
     if twice := [log.name for log in logs if log.digest in before.digests]:
@@ -650,7 +659,7 @@ def identify_new(
     if len(find_unseen(names, heard, shown)) == len(names):
         check_seen(place, names, heard, shown)
     alone, missed = add_misfit(
-        blocks, _fit_with_wide_prior(estimator, blocks, build_urdf_prior(design, WIDE_TRUST))
+        blocks, _fit_with_wide_prior(method, blocks, build_urdf_prior(design, WIDE_TRUST))
     )
     alone = add_lag_spread(blocks, alone, late)
     reach = np.vstack([own.columns, np.zeros((len(design.names) - width, own.columns.shape[1]))])

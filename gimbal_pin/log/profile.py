@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.rig.arguments import check_arguments
+from gimbal_pin.rig.arguments import check_arguments, check_count, to_numbers
 from gimbal_pin.rig.types import Rng, make_generator
 
 
@@ -58,6 +58,8 @@ def profile_s(t: Array, rng: Rng = None, size: float = 1.0) -> Platform:
     `rng`: a generator or a seed; None: a fresh one, whose seed is in the result. The draws do not depend on `t`: one
     seed is one motion, however finely and long it is looked at.
     """
+    t = to_numbers("profile_s: t", t, "(N,)")
+    check_count("profile_s: t", t, t.size)
     generator, seed = make_generator(rng)
     angles, rates, accelerations = sum_bands(ATTITUDE, t, generator, 2)
     (acceleration,) = sum_bands(ACCELERATION, t, generator, 0)

@@ -172,5 +172,5 @@ def find_trusted_joints(model: Model, wanted: Array, platform: Platform) -> tupl
     held = holding(Sight(model.rig), wanted, part)
     Y = columns(model, known[1], held.q, held.v, held.a, part)
     variance = np.einsum("njk,kl,njl->nj", Y, known[0].covariance, Y)
-    torque = model.inverse(held.q, held.v, held.a, platform=part)
+    torque = model.inverse_dynamics(held.q, held.v, held.a, platform=part)
     return tuple((variance.mean(axis=0) < torque.var(axis=0)).tolist())

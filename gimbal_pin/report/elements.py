@@ -255,7 +255,7 @@ class Document:
             raise UsageError(
                 "animate",
                 f"has nothing that moves of {self.title}",
-                "give animate() a rig and a log",
+                "give animate() a log and a rig",
             )
         return self.scene(path)
 

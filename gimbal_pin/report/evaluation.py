@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.effects import TorqueTable
 from gimbal_pin.errors import NORMAL_95
-from gimbal_pin.identification import Identified, split_logs
+from gimbal_pin.identification import IdentificationResult, split_logs
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, Design, compute_blocks
 from gimbal_pin.report.elements import Content, toned
@@ -87,7 +87,7 @@ class Evaluated:
         return np.asarray((self.columns / self.scale[:, None]).max(axis=0))
 
 
-def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
+def evaluate(found: IdentificationResult, logs: Sequence[Log]) -> Evaluated:
     """Return the held-out rows and the model's prediction of them; the training rows where nothing was held out."""
     train, test, _ = split_logs(logs, found.holdout, found.filtering)
     effects = tuple(term.effect for term in found.model.terms)
@@ -180,7 +180,7 @@ class KnownParameter:
         )
 
 
-def find_tables(found: Identified) -> dict[TorqueTable, range]:
+def find_tables(found: IdentificationResult) -> dict[TorqueTable, range]:
     """Return tables of torque → where their values stand among the parameters, too many for a line each."""
     ends = len(found.reduction.independent) + np.cumsum(
         [0, *(len(term.values) for term in found.model.terms)]
@@ -191,13 +191,13 @@ def find_tables(found: Identified) -> dict[TorqueTable, range]:
     return {effect: place for effect, place in places if isinstance(effect, TorqueTable)}
 
 
-def list_shown(found: Identified) -> list[int]:
+def list_shown(found: IdentificationResult) -> list[int]:
     """Return which parameters have a line each: all but the values of tables."""
     tabled = {k for place in find_tables(found).values() for k in place}
     return [k for k in range(len(found.names)) if k not in tabled]
 
 
-def known(found: Identified, evaluated: Evaluated | None = None) -> list[KnownParameter]:
+def known(found: IdentificationResult, evaluated: Evaluated | None = None) -> list[KnownParameter]:
     """Return every parameter, base parameters first, and what each moves on the rows in `evaluated`."""
     count = len(found.names)
     rig = found.model.rig

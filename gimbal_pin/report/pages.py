@@ -20,7 +20,7 @@ from gimbal_pin.dynamics.checking import Checked
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.excitation import Excitation, ExpectedEstimate
 from gimbal_pin.fleet import Fleet, MonteCarlo
-from gimbal_pin.identification import Identified, Several, compare_payload
+from gimbal_pin.identification import IdentificationResult, Several, compare_payload
 from gimbal_pin.log.io.inspection import Inspected
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
@@ -74,7 +74,7 @@ def build_document(
 
     What moves is the `scene`, or the first of the logs.
     """
-    moved = partial(animate, rig.stated, logs[0]) if logs and scene is None else scene
+    moved = partial(animate, logs[0], rig.stated) if logs and scene is None else scene
     inputs = [show_logs(rig, logs)] if logs else []
     return Document(
         rig.title,
@@ -85,7 +85,7 @@ def build_document(
 
 
 @describe_record.register
-def describe_identified(found: Identified) -> Document:
+def describe_identified(found: IdentificationResult) -> Document:
     """Return the parameters, and the torque that they predict; pictures where the logs are at hand."""
     evaluated = evaluate(found, found.data) if found.data else None
     sections = [
@@ -142,7 +142,7 @@ def describe_tracking(found: Tracking) -> Document:
     return build_document(
         found.rig,
         [show_tracking(found)],
-        scene=partial(animate, found.rig, found.experiments[0].log),
+        scene=partial(animate, found.experiments[0].log, found.rig),
     )
 
 
@@ -163,14 +163,14 @@ def describe_verified(found: Verified) -> Document:
 def describe_excitation(found: Excitation) -> Document:
     """Return a motion and what it uses of the limits."""
     motion = found.motion
-    tau = nominal(found.rig).inverse(motion.q, motion.v, motion.a)
+    tau = nominal(found.rig).inverse_dynamics(motion.q, motion.v, motion.a)
     moved = Log("motion", found.joints, motion.t, motion.q, motion.v, tau)
     drawn = picture_log(
         list_shown_joints(found.rig), moved, "The motion, and the torque that it takes by the URDF."
     )
     shown = show_excitation(found)
     sections = [replace(shown, parts=[*shown.parts, drawn])]
-    return build_document(found.rig, sections, scene=partial(animate, found.rig, moved))
+    return build_document(found.rig, sections, scene=partial(animate, moved, found.rig))
 
 
 @describe_record.register

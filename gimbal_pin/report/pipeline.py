@@ -24,7 +24,7 @@ from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.identification import (
-    Identified,
+    IdentificationResult,
     PayloadStatement,
     Several,
     compare_payload,
@@ -40,7 +40,7 @@ from gimbal_pin.log.log import Log
 from gimbal_pin.pointing import Verified, verify
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
-from gimbal_pin.regression import Estimator, Filtering, fit_weighted
+from gimbal_pin.regression import Estimator, Filtering
 from gimbal_pin.report import view
 from gimbal_pin.report.diagnosis_text import report_diagnosis
 from gimbal_pin.report.elements import Document, Section, paragraph
@@ -106,7 +106,7 @@ class Auto(Record):
         seed: Repeats it as `rng`; None where a generator was given.
     """
 
-    identified: Identified
+    identified: IdentificationResult
     diagnosis: Diagnosis | None
     model: Model
     tuning: Tuning
@@ -121,7 +121,7 @@ class Auto(Record):
     why: str = ""
     undiagnosed: str = ""
     notes: tuple[str, ...] = ()
-    beside: Identified | None = None
+    beside: IdentificationResult | None = None
     camera: Several | None = None
     seed: int | None = None
 
@@ -194,7 +194,7 @@ def describe_auto(found: Auto) -> Document:
     if held is not None:
         note = f"The plant is {found.held_on}; the controllers know the model and no more."
         sections.append(show_camera(replace(held, note=note)))
-    moved = partial(view.animate, found.model.rig, found.animated)
+    moved = partial(view.animate, found.animated, found.model.rig)
     sections[1:] = [replace(one, is_folded=True) for one in sections[1:]]
     return build_document(found.model.rig, sections, identified.data, found.payload.weighed, moved)
 
@@ -213,11 +213,11 @@ def describe_outcome(found: Auto, verbose: bool = False) -> str:
 @check_arguments
 def auto(
     rig: Rig,
-    logs: Sequence[Log],
+    logs: Log | Sequence[Log],
     folder: str | Path,
     *,
     rng: Rng = None,
-    estimator: Estimator = fit_weighted,
+    estimator: Estimator | str = "weighted",
     holdout: str | None = None,
     filtering: Filtering | None = None,
     wish: Callable[[Model], Wish] = Wish.of,
@@ -235,11 +235,11 @@ def auto(
 
     Args:
         rig: The rig.
-        logs: Its logs.
+        logs: One log of it, or several.
         folder: Where the files go; made if it is not there.
         rng: Source of the sensors' noise in the verification, or its seed; None: a fresh one,
             whose seed is in the result.
-        estimator: Blocks → `Estimate`.
+        estimator: As for `identify`.
         holdout: As for `identify`.
         filtering: As for `identify`.
         wish: Model → what is asked of `tune`.
@@ -253,7 +253,7 @@ def auto(
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
     """
-    logs = [log.ordered(rig) for log in logs]
+    logs = [log.ordered(rig) for log in ([logs] if isinstance(logs, Log) else logs)]
     fit = partial(identify, rig, logs, estimator=estimator, holdout=holdout, filtering=filtering)
     camera = None
     if known is not None:

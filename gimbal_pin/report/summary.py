@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis
-    from gimbal_pin.identification import Identified, PayloadStatement
+    from gimbal_pin.identification import IdentificationResult, PayloadStatement
     from gimbal_pin.log.log import Log
     from gimbal_pin.pointing import Verified
     from gimbal_pin.rig.rig import Rig
@@ -123,7 +123,7 @@ class Summary:
 
 def summary(
     rig: Rig,
-    found: Identified,
+    found: IdentificationResult,
     tuning: Tuning | None = None,
     result: Tracking | None = None,
     logs: Sequence[Log] = (),
@@ -179,7 +179,7 @@ def summary(
     )
 
 
-def rate_model(rig: Rig, found: Identified) -> list[Card]:
+def rate_model(rig: Rig, found: IdentificationResult) -> list[Card]:
     """Return how well the model predicts the torque, at the joint where it does so worst, and how well it is known."""
     tested = found.held_out or found.train
     band = f"to {found.filtering.cutoff:g} Hz"
@@ -344,7 +344,7 @@ def cautions(
     return found
 
 
-def name_source(rig: Rig, found: Identified, logs: Sequence[Log]) -> str:
+def name_source(rig: Rig, found: IdentificationResult, logs: Sequence[Log]) -> str:
     """Say what was identified from what, and by what it is judged."""
     name = f"{rig.name} with payload {rig.payload}" if rig.payload else rig.name
     seconds = sum(float(log.t[-1] - log.t[0]) for log in logs)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.laws import Margins
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Finding
-    from gimbal_pin.identification import Agreement, Identified
+    from gimbal_pin.identification import Agreement, IdentificationResult
     from gimbal_pin.identification.bodies import Body, Figure
     from gimbal_pin.identification.payloads import CameraEstimate
     from gimbal_pin.log.io.inspection import Channel
@@ -145,7 +145,7 @@ def tabulate_bodies(several: Sequence[Body]) -> Table:
     )
 
 
-def list_tables(found: Identified) -> list[str]:
+def list_tables(found: IdentificationResult) -> list[str]:
     """Say of each table of torque among the parameters how large it is, and where."""
     from gimbal_pin.report.evaluation import find_tables
 
@@ -194,7 +194,7 @@ def regrouping(name: str) -> Markup:
     )
 
 
-def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Table:
+def torque_errors(found: IdentificationResult, evaluated: Evaluated | None = None) -> Table:
     """How well the model predicts each joint's torque; with `evaluated`, the rows themselves, beside what it was."""
     held = found.held_out or found.train
     train = found.train

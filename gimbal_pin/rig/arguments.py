@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import wraps
+from contextlib import suppress
+from functools import cache, wraps
 from numbers import Integral, Real
 from types import UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
@@ -26,6 +27,7 @@ NAMES: Mapping[str, str] = {
     "Rig": "a Rig (Rig.load)",
     "Log": "a Log (read_log, bench_run)",
     "Model": "a Model (identify(…).model, diagnose(…).after, nominal)",
+    "IdentificationResult": "a fit (identify)",
 }
 """Name of a type → how an error's text names it, and what returns one."""
 
@@ -47,16 +49,25 @@ def check_arguments(function: Callable[P, R]) -> Callable[P, R]:
             raise UsageError(
                 f"{place}()", str(error), f"its arguments are {', '.join(signature.parameters)}"
             ) from error
+        hints = _resolve_annotations(function)
         for name, value in arguments.items():
-            annotation = signature.parameters[name].annotation
-            try:
-                hint = eval(annotation, inspect.unwrap(function).__globals__)
-            except NameError:
-                continue
-            check_type(f"{place}: {name}", value, hint)
+            if name in hints:
+                check_type(f"{place}: {name}", value, hints[name])
         return function(*given, **named)
 
     return checked
+
+
+@cache
+def _resolve_annotations(function: Callable[..., object]) -> Mapping[str, Any]:
+    """Return argument → its annotated type, without those whose types the type checker alone knows."""
+    names = inspect.unwrap(function).__globals__
+    hints = dict[str, Any]()
+    for name, parameter in inspect.signature(function).parameters.items():
+        if parameter.annotation is not inspect.Parameter.empty:
+            with suppress(NameError):
+                hints[name] = eval(parameter.annotation, names)
+    return hints
 
 
 def check_type(place: str, value: object, hint: Any) -> None:
@@ -66,21 +77,48 @@ def check_type(place: str, value: object, hint: Any) -> None:
         raise UsageError(place, what, f"give {_describe(hint)}")
 
 
-def to_rows(place: str, value: object, width: int) -> Array:
-    """Return an array of one row per sample, (N, width); `UsageError` for anything else."""
+def to_numbers(place: str, value: object, form: str) -> Array:
+    """Return an array of numbers; `UsageError` for anything else, which asks for the shape `form`."""
     try:
-        rows = np.asarray(value, dtype=np.float64)
+        return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise UsageError(
-            place, f"is no array of numbers ({error})", f"give shape (N, {width})"
-        ) from error
-    if rows.ndim != 2 or rows.shape[1] != width:
-        raise UsageError(
-            place,
-            f"has shape {rows.shape}",
-            f"give shape (N, {width}): a row per sample, x[None] for one",
-        )
+        what = f"is no array of numbers ({error})"
+        raise UsageError(place, what, f"give shape {form}") from error
+
+
+def to_rows(place: str, width: int, given: Mapping[str, object]) -> dict[str, Array]:
+    """Return arrays of one shape: (N, width) with a row per sample, or (width,) for one sample.
+
+    Args:
+        place: The function, for the error's text.
+        width: Number of columns.
+        given: Argument → array, or None, which is left out.
+
+    Raises:
+        UsageError: One holds no numbers, or is of another shape than the first.
+    """
+    form = f"({width},) or (N, {width})"
+    rows = dict[str, Array]()
+    for name, value in given.items():
+        if value is None:
+            continue
+        array = to_numbers(f"{place}: {name}", value, form)
+        if not rows and (array.ndim not in (1, 2) or array.shape[-1] != width):
+            raise UsageError(f"{place}: {name}", f"has shape {array.shape}", f"give shape {form}")
+        first = next(iter(rows.values()), array)
+        if array.shape != first.shape:
+            what = f"has shape {array.shape}"
+            raise UsageError(
+                f"{place}: {name}", what, f"give {first.shape} as of {next(iter(rows))}"
+            )
+        rows[name] = array
     return rows
+
+
+def check_count(place: str, value: Array, count: int) -> None:
+    """Raise `UsageError` if an array does not hold one number for each of so many samples."""
+    if value.shape != (count,):
+        raise UsageError(place, f"has shape {value.shape}", f"give one per sample, ({count},)")
 
 
 def _matches(value: object, hint: Any) -> bool:

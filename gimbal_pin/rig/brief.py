@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gimbal_pin.errors import FEW, digits, shortened, visible
+from gimbal_pin.rig.arguments import check_arguments
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,6 +54,7 @@ class Record:
         """Return its motion as a scene that a notebook shows, and write it as the path's suffix says, see `animate`."""
         return self._describe().animate(path)
 
+    @check_arguments
     def report(self, path: str | Path) -> None:
         """Write all that there is to say of it as one page of HTML, which needs nothing but a browser."""
         self._describe().write(path)

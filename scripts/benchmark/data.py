@@ -49,7 +49,7 @@ def repeated(
 def noisy_log(model: Model, count: int, rng: np.random.Generator) -> Log:
     """Return a log of `count` samples, made with little memory beyond its own."""
     motion = exciting(model.rig, rng)
-    tau = model.inverse(motion.q, motion.v, motion.a)
+    tau = model.inverse_dynamics(motion.q, motion.v, motion.a)
     t = DT * np.arange(count)
     t.flags.writeable = False
     return Log(

@@ -118,7 +118,7 @@ def equivalence(model: Model) -> Iterator[Figure]:
 def samples(model: Model, count: int) -> tuple[Motion, Array]:
     """Return `count` samples of an exciting motion, and its torque, N m, (count, n)."""
     period = exciting(model.rig, np.random.default_rng(0))
-    tau = model.inverse(period.q, period.v, period.a)
+    tau = model.inverse_dynamics(period.q, period.v, period.a)
     motion = Motion(
         DT * np.arange(count), *(repeated(x, count) for x in (period.q, period.v, period.a))
     )

@@ -57,7 +57,7 @@ class Demand:
         held = holding(sight, wanted, part)
         across = np.array([np.linalg.norm(sight.view(q).J[-2:], axis=0) for q in held.q])
         own = np.diagonal(compute_inertia(plant, held.q), axis1=1, axis2=2)
-        tau = plant.inverse(held.q, held.v, held.a, platform=part)
+        tau = plant.inverse_dynamics(held.q, held.v, held.a, platform=part)
         return Demand(rig.joints, part.t, tau, rig.tau_max, across / own)
 
     @property

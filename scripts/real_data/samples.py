@@ -91,9 +91,9 @@ def errors(case: Case, model: Path, cutoff: float) -> tuple[Array, Array]:
     """Return held-out torque errors rms, N m, (n,): of a model's file, and of least squares on all other samples."""
     held = least_squares(case, cutoff)
     t, q, v, a = held.motion
-    mine = lowpass(read_model(model, Rig.load(case.rig)).inverse(q, v, a, t=t), cutoff, held.rate)[
-        held.test
-    ]
+    mine = lowpass(
+        read_model(model, Rig.load(case.rig)).inverse_dynamics(q, v, a, t=t), cutoff, held.rate
+    )[held.test]
     one, other = (
         np.sqrt(np.mean((held.measured - x) ** 2, axis=0)) for x in (mine, held.predicted)
     )

@@ -34,7 +34,7 @@ def true_log(name: str, moving: bool = True) -> Log:
     platform = (
         profile_s(motion.t, np.random.default_rng(0), 0.5) if moving else Platform.still(motion.t)
     )
-    tau = nominal(rig).inverse(motion.q, motion.v, motion.a, platform=platform)
+    tau = nominal(rig).inverse_dynamics(motion.q, motion.v, motion.a, platform=platform)
     imus = compute_imu_readings(rig, rig.config.imus, motion.q, motion.v, motion.a, platform)
     return Log("log", rig.joints, motion.t, motion.q, motion.v, tau, imus=imus)
 

@@ -299,7 +299,7 @@ def test_a_motor_that_is_off_is_not_stuck() -> None:
     q = np.column_stack([swing, swing])
     v = np.gradient(q, t, axis=0)
     noise = 1e-3 * np.random.default_rng(0).standard_normal(q.shape)
-    tau = nominal(rig).inverse(q, v, np.gradient(v, t, axis=0)) + noise
+    tau = nominal(rig).inverse_dynamics(q, v, np.gradient(v, t, axis=0)) + noise
     tau[np.abs(t) < 0.9] = tau[len(t) // 2]
     assert is_clean("stuck-channel", rig, Log("rests", rig.joints, t, q, v, tau))
 
@@ -314,7 +314,7 @@ def test_a_coarse_rate_of_an_even_motion_is_not_stuck() -> None:
     q = np.column_stack([ramps + swing, 0.5 * np.sin(1.1 * t)])
     v = np.gradient(q, t, axis=0)
     noise = 1e-3 * np.random.default_rng(0).standard_normal(q.shape)
-    tau = nominal(rig).inverse(q, v, np.gradient(v, t, axis=0)) + noise
+    tau = nominal(rig).inverse_dynamics(q, v, np.gradient(v, t, axis=0)) + noise
     off = 0.04 * np.sign(v[:, 0]) * is_even
     v[:, 0] = 0.03 * np.round((v[:, 0] + off) / 0.03)
     q = 7.67e-4 * np.round(q / 7.67e-4)
@@ -381,7 +381,7 @@ def test_a_controllers_formula_is_told_from_a_passive_plants_torque(
     def is_plants(tau: Array) -> bool:
         return is_clean("controller-formula", rig, replace(log, tau=tau))
 
-    tau = nominal(rig).inverse(q, v, a)
+    tau = nominal(rig).inverse_dynamics(q, v, a)
     size = np.sqrt(np.mean(tau**2, axis=0))
     tau += size * (0.3 + 0.5 * q + 0.01 * noise)
     assert is_plants(tau)
@@ -395,7 +395,7 @@ def test_a_controllers_formula_is_told_from_a_passive_plants_torque(
     fault, figures, _ = find("controller-formula", rig, hand)
     assert fault.makes_physics_unreliable
     assert figures["left"] < 1e-3
-    slippery = nominal(replace(rig, friction=0.01 * rig.friction)).inverse(q, v, a)
+    slippery = nominal(replace(rig, friction=0.01 * rig.friction)).inverse_dynamics(q, v, a)
     assert is_plants(slippery + size * (2.0 * q + np.sin(12 * q) + 1e-4 * noise))
 
 
@@ -407,7 +407,7 @@ def test_one_sine_in_which_any_delay_fits_is_no_formula() -> None:
     q = 0.5 * np.sin(phase)
     v = phase / t[:, None].clip(1e-9) * np.cos(phase) / 2
     noise = np.random.default_rng(7).standard_normal(q.shape)
-    tau = nominal(rig).inverse(q, v, np.gradient(v, t, axis=0))
+    tau = nominal(rig).inverse_dynamics(q, v, np.gradient(v, t, axis=0))
     log = add(Log("sine", rig.joints, t, q, v, tau), 0.3 + 0.5 * q + 0.01 * noise)
     assert is_clean("controller-formula", rig, log)
 

@@ -194,7 +194,7 @@ def ask_torque(kind: str, path: Path) -> np.ndarray:
     """Read a file, and ask the model or law in it for a torque."""
     q = np.array([[0.3, -0.2]])
     if kind in ("model", "identified"):
-        return read_model(path, TURRET).inverse(q, q, q)
+        return read_model(path, TURRET).inverse_dynamics(q, q, q)
     law = stored(read_yaml(path), TURRET, str(path)).law
     return law.torque(0.0, q[0], q[0], Reference(0 * q[0], q[0], q[0]), law.start())[0]
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import inspect
 import pickle
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import gimbal_pin as gp
@@ -36,15 +37,39 @@ WRONG: Mapping[str, Callable[[], Any]] = {
     "cog": lambda: gp.identify(RIG, recorded(), ["cog:tilt"]),
     "cutoff": lambda: gp.identify(RIG, recorded(), cutoff=4.0),  # type: ignore[call-arg]
     "tune: model.*identify": lambda: gp.tune(RIG),  # type: ignore[arg-type]
+    "animate: log": lambda: gp.animate(RIG, recorded()),  # type: ignore[arg-type]
     "write_log: log": lambda: gp.write_log("log.csv", recorded()),  # type: ignore[arg-type]
     "Rig.load: rig": lambda: Rig.load(5),  # type: ignore[arg-type]
-    r"\(N, 2\)": lambda: MODEL.inverse(*np.zeros((3, 4, 3))),
-    "numbers": lambda: MODEL.inverse("a", "b", "c"),  # type: ignore[arg-type]
+    r"\(N, 2\)": lambda: MODEL.inverse_dynamics(*np.zeros((3, 4, 3))),
+    r"v: has shape \(3, 2\)": lambda: MODEL.inverse_dynamics(
+        *map(np.zeros, ((4, 2), (3, 2), (4, 2)))
+    ),
+    r"t: has shape \(3,\)": lambda: MODEL.inverse_dynamics(*np.zeros((3, 4, 2)), t=np.zeros(3)),
+    "platform: has shape": lambda: MODEL.inverse_dynamics(*np.zeros((3, 4, 2)), platform=shaken()),
+    "platform: is 'drone'": lambda: MODEL.inverse_dynamics(
+        *np.zeros((3, 4, 2)),
+        platform="drone",  # type: ignore[arg-type]
+    ),
+    "numbers": lambda: MODEL.inverse_dynamics("a", "b", "c"),  # type: ignore[arg-type]
+    "profile_s: t: is no": lambda: gp.profile_s("now"),  # type: ignore[arg-type]
+    r"profile_s: t: has shape \(\)": lambda: gp.profile_s(0.5),  # type: ignore[arg-type]
+    "Online.of: rig": lambda: gp.Online.of("turret"),  # type: ignore[arg-type]
+    "Online.advance: log": lambda: gp.Online.of(RIG).advance(
+        gp.Online.of(RIG).start(),
+        "log.csv",  # type: ignore[arg-type]
+    ),
+    "save: path: is 5": lambda: gp.identify(RIG, recorded()).save(5),  # type: ignore[arg-type]
+    "report: path: is 5": lambda: recorded().report(5),  # type: ignore[arg-type]
     "rng: is": lambda: gp.profile_s(np.linspace(0, 1, 20), -1),
     "no joint 'tilt'": lambda: gp.identify(RIG, renamed()),
     "'tilt' of rig": lambda: gp.Online.of(RIG).advance(gp.Online.of(RIG).start(), renamed()),
 }
 """Words of the refusal, which name the argument → the call."""
+
+
+def shaken() -> gp.Platform:
+    """Return a motion of the base of seven samples."""
+    return gp.profile_s(np.linspace(0, 1, 7), 0)
 
 
 def renamed() -> Log:
@@ -116,6 +141,13 @@ def test_the_default_checks_the_data_as_the_command_line_does() -> None:
     assert found.faults == asked.faults != ()
 
 
+def test_a_fit_is_tuned_as_its_model_is() -> None:
+    fit = gp.identify(RIG, recorded())
+    tuned, same = (gp.tune(one, bandwidth_hz=4.0) for one in (fit, fit.model))
+    assert tuned.model is fit.model
+    assert tuned.to_dict() == same.to_dict()
+
+
 # --- Random numbers -----------------------------------------------------------------------------
 
 
@@ -143,13 +175,42 @@ def test_every_name_is_listed_and_can_be_called_without_a_generator() -> None:
             assert inspect.signature(found).parameters["rng"].default is None
 
 
+def list_types(hint: Any) -> Iterator[type]:
+    """Yield the classes of the package in an annotation."""
+    for inner in get_args(hint):
+        yield from list_types(inner)
+    if isinstance(hint, type) and hint.__module__.startswith("gimbal_pin"):
+        yield hint
+
+
+def list_signatures() -> Iterator[Any]:
+    """Yield the public functions, and the methods of a fit and a model that are asked for torques."""
+    for name in gp.__all__:
+        if inspect.isfunction(found := getattr(gp, name)):
+            yield pytest.param(inspect.unwrap(found), id=name)
+    fit = gp.IdentificationResult
+    for method in (gp.Model.inverse_dynamics, fit.predict, fit.residual):
+        yield pytest.param(inspect.unwrap(method), id=method.__qualname__)
+
+
+@pytest.mark.parametrize("function", [*list_signatures()])
+def test_every_type_in_a_public_signature_is_public(function: Callable[..., Any]) -> None:
+    names = {"DataFrame": pd.DataFrame, **function.__globals__}
+    hints = get_type_hints(function, names)
+    for part, hint in hints.items():
+        assert hint is not Any, part
+        for kind in list_types(hint):
+            assert getattr(gp, kind.__name__, None) is kind, f"{part}: {kind.__name__}"
+    assert "return" in hints
+
+
 # --- At a prompt --------------------------------------------------------------------------------
 
 
 def test_whatever_a_name_returns_prints_as_a_few_lines() -> None:
     log = recorded()
     found = gp.identify(RIG, [log])
-    tuning = gp.tune(found.model, bandwidth_hz=4, robust=True)
+    tuning = gp.tune(found, bandwidth_hz=4, robust=True)
     online = gp.Online.of(RIG)
     many = chain(32)
     wide = Log("run", many.joints, np.array([0.0, 1.0]), np.zeros((2, 32)))

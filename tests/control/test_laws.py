@@ -75,7 +75,7 @@ def test_on_the_reference_the_torque_is_the_models(texts: tuple[str, ...]) -> No
         torque, _ = law.torque(0.0, q, v, Reference(q, v, a), law.start())
         for signal in drive:
             torque[0] = signal.step((), torque[0], DT)[1]
-        np.testing.assert_allclose(torque, model.inverse(q[None], v[None], a[None])[0], rtol=1e-9)
+        np.testing.assert_allclose(torque, model.inverse_dynamics(q, v, a), rtol=1e-9)
 
 
 def test_feed_forward_leads_a_ramp_of_acceleration_exactly() -> None:
@@ -90,7 +90,7 @@ def test_feed_forward_leads_a_ramp_of_acceleration_exactly() -> None:
         reference = Reference(q, v, np.full(2, 7.0 * k * DT))
         torque, memory = law.torque(0.0, q, v, reference, memory)
     ahead = np.full(2, 7.0 * (2 * DT + 0.0035))
-    expected = bare.inverse(q[None] + 0.0035 * v, v[None], ahead[None])[0]
+    expected = bare.inverse_dynamics(q + 0.0035 * v, v, ahead)
     expected[0] += 0.3 * 0.0035 * 7.0 * 2 * DT
     np.testing.assert_allclose(torque, expected, rtol=1e-12)
 
@@ -140,7 +140,10 @@ def test_an_approach_counts_on_seven_tenths_of_what_the_motor_has_at_the_worst_p
     q = sample_poses(model.rig)[0]
     for j, deceleration in enumerate(tune(model).controller.braking):
         a = 0 * q + deceleration / 0.7 * np.eye(3)[j]
-        tau = [model.inverse(q, 0 * q, x * a, slide=np.full_like(q, x))[:, j] for x in (-1.0, 1.0)]
+        tau = [
+            model.inverse_dynamics(q, 0 * q, x * a, slide=np.full_like(q, x))[:, j]
+            for x in (-1.0, 1.0)
+        ]
         assert np.abs(tau).max() == pytest.approx(model.rig.tau_max[j])
 
 
@@ -206,6 +209,6 @@ def test_inertia_is_the_torque_per_acceleration_rotors_included() -> None:
     rig = bundled("handheld")
     model = plant_with(nominal(rig), [parse_effect("armature:roll:inertia=0.02", rig)]).plant
     q = sample_poses(rig)[0][:5]
-    level = model.inverse(q, 0 * q, 0 * q)
-    columns = [model.inverse(q, 0 * q, 0 * q + row) - level for row in np.eye(3)]
+    level = model.inverse_dynamics(q, 0 * q, 0 * q)
+    columns = [model.inverse_dynamics(q, 0 * q, 0 * q + row) - level for row in np.eye(3)]
     np.testing.assert_allclose(compute_inertia(model, q), np.stack(columns, axis=2), atol=1e-12)

@@ -226,7 +226,7 @@ def test_the_rival_is_a_pid_of_the_same_margin_with_gravity_fed_forward() -> Non
     q = np.array([0.3, -0.2])
     still = np.zeros(2)
     torque, _ = rival.torque(0.0, q, still, Reference(q, still, still), rival.start())
-    gravity = tuning.model.inverse(q[None], still[None], still[None])[0]
+    gravity = tuning.model.inverse_dynamics(q, still, still)
     np.testing.assert_allclose(torque, gravity)
 
 

@@ -49,7 +49,7 @@ def record(
     """Return a log of a motion with a cause, and torque noise of 3 mN m or of a share of each joint's torque."""
     plant = plant_with(nominal(rig), [parse_effect(planted, rig)]).plant
     draw = np.random.default_rng(seed).standard_normal((3, *motion.q.shape))
-    tau = plant.inverse(motion.q, motion.v, motion.a, t=motion.t)
+    tau = plant.inverse_dynamics(motion.q, motion.v, motion.a, t=motion.t)
     tau += draw[2] * (3e-3 if noise is None else noise * np.sqrt(np.mean(tau**2, axis=0)))
     q = motion.q + 1e-5 * draw[0]
     return Log(f"log {seed}", rig.joints, motion.t, q, motion.v + 1e-4 * draw[1], tau)

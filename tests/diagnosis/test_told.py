@@ -48,6 +48,19 @@ def test_a_joint_that_fitting_made_worse_is_open(
     assert found.opinions["pan"] is not Opinion.EXPLAINED or extended > 90
 
 
+def test_the_errors_are_a_table_of_the_three_models() -> None:
+    found = find("turret", *TEETH)
+    told = found.to_dict()["held_out"]
+    rows = found.errors.to_dict("records")
+    models = ("urdf", "refitted", "extended")
+    assert {(row["joint"], row["model"]) for row in rows} == {*product(("pan", "tilt"), models)}
+    for row in rows:
+        for name in ("torque_rmse", "fit_percent"):
+            assert row[name] == told[row["model"]][name][row["joint"]]
+    spoilt = replace(found, held_out=None).errors
+    assert spoilt.empty and list(spoilt) == list(found.errors)
+
+
 def test_a_joint_is_of_one_state_everywhere() -> None:
     for found in (find("turret"), find("turret", *TEETH)):
         stated = {joint: state.value for joint, state in found.opinions.items()}

@@ -11,8 +11,9 @@ import pinocchio as pin
 import pytest
 from lxml import etree
 
-from gimbal_pin.dynamics import Model, compute_regressor, compute_rnea
+from gimbal_pin.dynamics import Model, compute_regressor, compute_rnea, nominal, plant_with
 from gimbal_pin.dynamics.regressor import compute_coupling
+from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.log import Array, Platform
 from gimbal_pin.rig import GRAVITY
 from tests.dynamics.odd_rigs import ALL, known
@@ -130,5 +131,19 @@ def test_regressor_times_the_parameters_of_any_bodies_is_the_torque(name: str) -
         expected = compute_rnea(rig, *at, platform)
         found = compute_regressor(stated, *at, platform) @ rig.phi
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
-        alone = Model(rig, ()).inverse(*at, platform=platform)
+        alone = Model(rig, ()).inverse_dynamics(*at, platform=platform)
         np.testing.assert_array_equal(alone, expected)
+
+
+@pytest.mark.parametrize("terms", ["", "load-dependent-friction"])
+def test_the_torque_of_one_pose_is_that_of_its_row_among_many(terms: str) -> None:
+    rig = bundled("thesis")
+    model = nominal(rig)
+    if terms:
+        model = plant_with(model, [parse_effect(f"{terms}:{rig.joints[1]}:mu=0.2", rig)])[0]
+    many = states(rig.n, 6)
+    rows = model.inverse_dynamics(*many)
+    for k, at in enumerate(zip(*many)):
+        np.testing.assert_allclose(model.inverse_dynamics(*at), rows[k], rtol=1e-9, atol=1e-12)
+        listed = model.inverse_dynamics(*(x.tolist() for x in at))
+        assert listed.shape == (rig.n,)

@@ -1,7 +1,7 @@
 """Laws of the plant.
 
 It agrees with closed forms; its energy grows by the work of the torque, less what friction takes; it inverts
-`Model.inverse`; and a joint sticks exactly as long as its dry friction can hold it.
+`Model.inverse_dynamics`; and a joint sticks exactly as long as its dry friction can hold it.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def test_energy_grows_by_the_work_of_the_torque_less_what_friction_takes(
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(ALL), st.booleans(), st.booleans())
 def test_inverse_undoes_the_plant(seed: int, name: str, sticks: bool, is_shaken: bool) -> None:
-    """The torque that `Model.inverse` finds for the plant's acceleration is the given one, but at a stuck joint."""
+    """The torque of `Model.inverse_dynamics` for the plant's acceleration is the given one, but at a stuck joint."""
     rig = known(name)
     rng = np.random.default_rng(seed)
     state, tau = draw(rig, rng)
@@ -86,7 +86,7 @@ def test_inverse_undoes_the_plant(seed: int, name: str, sticks: bool, is_shaken:
     model = rub(rig, dry, viscous)
     a = Plant(model, platform).acceleration(3.0, state, tau)
     at = None if platform is None else platform.part(slice(3, 4))
-    found = model.inverse(state.q[None], state.v[None], a[None], platform=at)[0]
+    found = model.inverse_dynamics(state.q[None], state.v[None], a[None], platform=at)[0]
     assert not sticks or a[0] == 0
     np.testing.assert_allclose(found[sticks:], tau[sticks:], rtol=0, atol=1e-8)
 

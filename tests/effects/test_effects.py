@@ -231,7 +231,7 @@ def test_friction_that_would_push_is_refused(given_: str, pushes: bool) -> None:
 @pytest.mark.parametrize("name", TORQUES)
 @given(seed=SEEDS)
 def test_the_plant_obeys_the_equation_that_is_fitted(name: str, seed: int) -> None:
-    """Accelerate by `Plant`, then ask `Model.inverse` for the torque of that motion: it is the torque put in."""
+    """Accelerate by `Plant`; `Model.inverse_dynamics` of that motion is the torque put in."""
     rng = np.random.default_rng(seed)
     model = plant(planted(name, rng), planted("cogging", rng), rig=rig())
     system = Plant(model)
@@ -242,7 +242,7 @@ def test_the_plant_obeys_the_equation_that_is_fitted(name: str, seed: int) -> No
     a = system.acceleration(t, state, tau)
     row = (x[None, :] for x in (state.q, state.v, a))
     cold = [Losses(np.zeros(1), np.array([t]))] * 3
-    asked = model.inverse(*row, t=np.array([t]), losses=cold)[0]
+    asked = model.inverse_dynamics(*row, t=np.array([t]), losses=cold)[0]
     np.testing.assert_allclose(asked, tau, rtol=1e-8, atol=1e-8)
 
 

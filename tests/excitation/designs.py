@@ -62,7 +62,7 @@ def assert_within(rig: Rig, model: Model, found: Excitation, margin: float = 0.0
     """Assert that every limit, whichever is stated, holds at random instants and that one is used up to the margin."""
     t = np.sort(np.random.default_rng(7).uniform(0.0, found.seconds, 20_000))
     motion = found.series.motion(found.coefficients, t)
-    tau = model.inverse(motion.q, motion.v, motion.a)
+    tau = model.inverse_dynamics(motion.q, motion.v, motion.a)
     low, high = rig.stops
     low = np.maximum(low, -np.pi)
     high = np.minimum(high, np.pi)

@@ -14,7 +14,7 @@ import pytest
 
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.excitation import excite, predict_estimate, record_log
-from gimbal_pin.identification import Identified, identify
+from gimbal_pin.identification import IdentificationResult, identify
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.regression import LAG_DEVIATION
 from tests.excitation.designs import designed
@@ -37,7 +37,7 @@ def repeat() -> Motion:
 
 def record(
     motion: Motion, rng: np.random.Generator, missed: Array, noise: float = 0.01
-) -> Identified:
+) -> IdentificationResult:
     """Return what is identified from a log whose torque holds a part more."""
     log = record_log(MODEL, motion, noise, rng)
     return identify(RIG, [replace(log, tau=log.tau + missed)], holdout="none")
@@ -47,7 +47,7 @@ def test_predicted_deviations_are_the_spread_of_what_is_identified() -> None:
     """Of 16 logs: encoders start and torques act anywhere that is presumed."""
     whole = repeat()
     motion = thin(whole)
-    tau = MODEL.inverse(whole.q, whole.v, whole.a)
+    tau = MODEL.inverse_dynamics(whole.q, whole.v, whole.a)
     found = predict_estimate(MODEL, motion, form_error=0.0, rng=0)
     thetas = []
     for seed in range(16):
@@ -67,7 +67,7 @@ def test_what_a_model_misses_is_in_the_predicted_deviations() -> None:
     rng = np.random.default_rng(0)
     motion = thin(repeat())
     found = predict_estimate(MODEL, motion, form_error=0.03, rng=0)
-    tau = MODEL.inverse(motion.q, motion.v, motion.a)
+    tau = MODEL.inverse_dynamics(motion.q, motion.v, motion.a)
     size = 0.03 * np.sqrt(np.mean(tau**2, axis=0) / 2)
     errors = []
     for _ in range(4):
@@ -83,7 +83,7 @@ def test_what_a_model_misses_is_in_the_predicted_deviations() -> None:
 def test_the_model_of_a_log_predicts_what_a_second_log_of_its_motion_states() -> None:
     """Stiction near rest alone is missed: shared out over all that could be missed, it would be predicted a third."""
     motion = thin(repeat())
-    tau = MODEL.inverse(motion.q, motion.v, motion.a)
+    tau = MODEL.inverse_dynamics(motion.q, motion.v, motion.a)
     near_rest = np.sign(motion.v) * np.exp(-((motion.v / 0.2) ** 2))
     stiction = 0.1 * np.sqrt(np.mean(tau**2, axis=0)) * near_rest
     first, second = (record(motion, np.random.default_rng(seed), stiction) for seed in (0, 1))

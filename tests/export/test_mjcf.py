@@ -47,7 +47,7 @@ def test_mujoco_asks_for_the_torque_of_the_model(name: str, payload: str) -> Non
     q = low + (high - low) * (0.5 + 0.4 * q / np.pi)
     v += 0.5 * np.sign(v)
     asked = torque(engine, rig.joints, q, v, a) / engine.actuator_gainprm[:, 0]
-    expected = model.inverse(q, v, a)
+    expected = model.inverse_dynamics(q, v, a)
     assert np.abs(asked - expected).max() < 1e-6 * np.abs(expected).max()
 
 

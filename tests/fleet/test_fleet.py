@@ -59,7 +59,7 @@ def record(
     drawn = draw_rigs(varied.inputs, 30)[unit]
     plant = varied.make_body({**varied.choose_values(drawn.probabilities), **errors})
     motion = fourier(plant.rig, 1, 6.5, dt=2.5e-3)
-    tau = plant.inverse(motion.q, motion.v, motion.a)
+    tau = plant.inverse_dynamics(motion.q, motion.v, motion.a)
     tau += 3e-3 * np.random.default_rng([unit, seed]).standard_normal(tau.shape)
     write_log(Log(file.stem, plant.rig.joints, motion.t, motion.q, motion.v, tau), file)
 

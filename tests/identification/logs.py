@@ -21,7 +21,7 @@ def hold(rig: Rig, log: Log, *joints: int, noisy: bool = True) -> Log:
     """Return the log of the same motion with some joints at rest and noise of the sensors."""
     moves = ~np.isin(np.arange(rig.n), joints)
     v = np.asarray(log.v) * moves
-    tau = nominal(rig).inverse(log.q * moves, v, np.gradient(v, log.t, axis=0))
+    tau = nominal(rig).inverse_dynamics(log.q * moves, v, np.gradient(v, log.t, axis=0))
     noise = noisy * np.random.default_rng(7).standard_normal((3, *v.shape))
     q = log.q * moves + 1e-5 * noise[0]
     return replace(log, q=q, v=v + 1e-4 * noise[1], tau=tau + 1e-3 * noise[2])
@@ -44,6 +44,6 @@ def sway(t: Array, size: float = 0.2) -> Platform:
 def carry(model: Model, platform: Platform | None, seconds: float = 12.0) -> Log:
     """Return the log of a prescribed motion on a moving base, without noise."""
     motion = fourier(model.rig, 0, seconds)
-    tau = model.inverse(motion.q, motion.v, motion.a, platform=platform)
+    tau = model.inverse_dynamics(motion.q, motion.v, motion.a, platform=platform)
     imus = {} if platform is None else {model.rig.base: Imu(platform.w, platform.f)}
     return Log("carried", model.rig.joints, motion.t, motion.q, motion.v, tau, imus=imus)

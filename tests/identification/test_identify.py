@@ -85,7 +85,7 @@ def test_motion_to_and_fro_keeps_its_turns() -> None:
     t = 1e-3 * np.arange(12000)[:, None]
     q = 0.3 * np.sin(w * t)
     v = 0.3 * w * np.cos(w * t)
-    tau = nominal(RIG).inverse(q, v, -(w**2) * q)
+    tau = nominal(RIG).inverse_dynamics(q, v, -(w**2) * q)
     tau += 0.01 * np.std(tau, axis=0) * np.random.default_rng(0).standard_normal(tau.shape)
     found = identify(RIG, [Log("fast", RIG.joints, t[:, 0], q, v, tau)], filtering=EXACT)
     assert min(found.train.used.values()) > 0.6

@@ -87,3 +87,13 @@ def test_a_torque_that_was_not_logged_is_not_taken_for_a_joint_without_a_motor()
         identify(RIG, [bad])
     (fault,) = check_log(RIG, bad).faults
     assert (fault.cause, fault.joint) == ("stuck-channel", "belt")
+
+
+def test_the_torque_that_is_predicted_of_it_is_nearly_none() -> None:
+    log = record()
+    fit = identify(RIG, log)
+    predicted, left = fit.predict(log), fit.residual(log)
+    np.testing.assert_array_equal(left["pivot"], -predicted["pivot"])
+    gravity = BOB * GRAVITY * LENGTH
+    assert predicted["pivot"].std() < 0.01 * gravity
+    assert predicted["belt"].std() > 10 * left["belt"].std()

@@ -21,7 +21,7 @@ from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.identification import (
     Balance,
     BaseDifference,
-    Identified,
+    IdentificationResult,
     PayloadDiscrepancy,
     Several,
     compare_payload,
@@ -62,7 +62,7 @@ def shift(rig: Rig, way: Array | Sequence[float] = SHIFT) -> Rig:
 
 
 @cache
-def find_alone(rig: Rig, true: Rig, seed: int = 1) -> Identified:
+def find_alone(rig: Rig, true: Rig, seed: int = 1) -> IdentificationResult:
     """Identify a gimbal from all of a log of the true one."""
     return identify(rig, [record(true, seed)], filtering=EXACT, holdout="none")
 
@@ -140,7 +140,7 @@ def test_place_is_calibrated_for_bodies_as_far_off_as_the_trust() -> None:
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.2)
 
 
-def balance(found: Identified) -> Balance:
+def balance(found: IdentificationResult) -> Balance:
     """Return how to balance the payload."""
     out = compare_payload(found).balance
     assert out is not None
@@ -187,12 +187,14 @@ def find_several(name: str, payloads: Sequence[str]) -> Several:
     return identify_several(rigs, logs, filtering=EXACT)
 
 
-def find_new(rig: Rig, known: Identified, seed: int = 9, given: Rig | None = None) -> Several:
+def find_new(
+    rig: Rig, known: IdentificationResult, seed: int = 9, given: Rig | None = None
+) -> Several:
     """Identify a camera from ten seconds on a known gimbal, from what is given of it."""
     return identify_new(given or rig, [record(rig, seed, 10.0)], known.model, filtering=EXACT)
 
 
-def find_first(name: str) -> Identified:
+def find_first(name: str) -> IdentificationResult:
     """Identify a gimbal with one camera."""
     rig = bundled(name, "mirrorless")
     return find_alone(rig, rig, 0)

@@ -72,7 +72,7 @@ def test_a_controller_is_learned_from_a_shaken_log() -> None:
     q = np.array([0.1, 0.2])
     zero = np.zeros(3)
     torque = [learned.step(Measurement(k * DT, q, zero, zero, UP)) for k in range(5)][-1]
-    needed = nominal(rig).inverse(q[None], *np.zeros((2, 1, 2)))[0]
+    needed = nominal(rig).inverse_dynamics(q, *np.zeros((2, 2)))
     np.testing.assert_allclose(torque, needed, atol=0.05 * float(rig.tau_max.max()))
     tuned = tune(nominal(rig), delay=0.003).stored
     recipe = Controller.learn(rig, log, tuned=tuned).recipe

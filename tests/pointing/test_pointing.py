@@ -51,7 +51,7 @@ def test_on_its_aim_the_law_is_the_models_inverse_on_a_moving_base() -> None:
     law = CarriedTorque(HANDHELD, (PID,) * 3, DT)
     tau, _ = law.torque(0.0, q, v, aim, law.start())
     base = Platform(np.zeros(1), f[None], w[None], dw[None])
-    expected = HANDHELD.inverse(q[None], v[None], a[None], platform=base)[0]
+    expected = HANDHELD.inverse_dynamics(q, v, a, platform=base)
     np.testing.assert_allclose(tau, expected, atol=1e-9)
 
 

@@ -18,7 +18,7 @@ from gimbal_pin.control import Tuning, judge_controllers, pair_rivals
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.dynamics import compute_base
 from gimbal_pin.excitation import predict_estimate
-from gimbal_pin.identification import Identified, identify_several
+from gimbal_pin.identification import IdentificationResult, identify_several
 from gimbal_pin.log import inspect, to_json
 from gimbal_pin.pointing import verify
 from gimbal_pin.report import Auto, summary
@@ -59,7 +59,7 @@ def log_of(name: str) -> gp.Log:
 
 
 @cache
-def identified(name: str) -> Identified:
+def identified(name: str) -> IdentificationResult:
     """Return the model of the log."""
     return gp.identify(RIGS[name], [log_of(name)])
 
@@ -109,7 +109,7 @@ def pool() -> ThreadPoolExecutor:
 
 
 OF_ANY_RIG: dict[str, Callable[[str], Record]] = {
-    "Identified": identified,
+    "IdentificationResult": identified,
     "Diagnosis": diagnosed,
     "Tuning": tuned,
     "Judgement": lambda name: judge_controllers(
@@ -132,7 +132,7 @@ OF_ANY_RIG: dict[str, Callable[[str], Record]] = {
 }
 OF_TURRET: dict[str, Callable[[str], Record]] = {
     "Diagnosis of spoilt logs": lambda name: gp.diagnose(RIGS[name], [spoil(name)]),
-    "Identified without its logs": lambda name: replace(identified(name), data=()),
+    "IdentificationResult without its logs": lambda name: replace(identified(name), data=()),
     "Verified": lambda name: verify(
         RIGS[name], log=clean_log(name), known=tuned(name).model, seeds=1, seconds=1.0
     ),

@@ -29,7 +29,7 @@ def test_a_browser_shows_every_page_without_complaint_or_network(tmp_path: Path)
     """On a telephone; charts are as many as the page carries, every scene plays."""
     every = [page_of(*one) for one in RECORDS if one[0] == "turret" or one[1] == "Auto"]
     log = log_of("turret").part(slice(0, 1000))
-    every.append(gimbal_pin.animate(RIGS["turret"], log, beside=log).page)
+    every.append(gimbal_pin.animate(log, RIGS["turret"], beside=log).page)
     steps = [wide(390)]
     for k, page in enumerate(every):
         path = tmp_path / f"{k}.html"

@@ -84,8 +84,8 @@ MARGINS = [
     ("*/*/delay_margin", 1e3, 3),
 ]
 SHOWN: dict[str, list[tuple[str, float | str, int | str]]] = {
-    "Identified": [*MODEL, *BODIES],
-    "Identified without its logs": [*MODEL, *BODIES],
+    "IdentificationResult": [*MODEL, *BODIES],
+    "IdentificationResult without its logs": [*MODEL, *BODIES],
     "Several": MODEL[:2],
     "Diagnosis": [
         ("findings/*/parameters/*", 1, "interval"),
@@ -136,7 +136,12 @@ SHOWN: dict[str, list[tuple[str, float | str, int | str]]] = {
     "Inspected": [("streams/*/channels/*/low", 1, 4), ("streams/*/samples", 1, ".0f")],
 }
 """Kind of record → path in its dictionary, what the number there is multiplied by, and how it is then written."""
-STEPS = {"identify": "Identified", "diagnose": "Diagnosis", "tune": "Tuning", "track": "Tracking"}
+STEPS = {
+    "identify": "IdentificationResult",
+    "diagnose": "Diagnosis",
+    "tune": "Tuning",
+    "track": "Tracking",
+}
 SHOWN["Auto"] = [
     (f"{step}/{path}", *rest) for step, of in STEPS.items() for path, *rest in SHOWN[of]
 ]
@@ -350,7 +355,7 @@ def test_the_rows_shown_are_the_rows_judged() -> None:
 
 def test_a_log_is_shown_with_its_extremes() -> None:
     log = log_of("slider")
-    rows = read_rows(page_of("slider", "Identified"))
+    rows = read_rows(page_of("slider", "IdentificationResult"))
     ends = 1e3 * np.array([log.q.min(), log.q.max(), np.abs(log.v).max()])
     for x in (*ends, np.sqrt(np.mean(np.square(log.tau))), np.abs(log.tau).max()):
         assert normalised(figures(x)) in rows[key(log.joints[0])]

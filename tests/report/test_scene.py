@@ -255,7 +255,7 @@ def test_the_base_turns_with_the_attitude_that_its_imu_reports(lumped: Rig) -> N
 def test_two_runs_stand_apart_and_show_their_errors_magnified_by_one_factor(lumped: Rig) -> None:
     log = sweep(lumped)
     runs = [replace(log, q=log.q_ref - off) for off in (0.009, 0.002)]
-    page = view.animate(lumped, runs[0], beside=runs[1]).page
+    page = view.animate(runs[0], lumped, beside=runs[1]).page
     moved = groups(page, 7)
     for home, angle in (("/meshcat", 0.18), ("/meshcat/beside", 0.04)):
         places = (f"{home}/rig", f"{home}/ghost")
@@ -326,7 +326,7 @@ def test_an_argument_that_cannot_be_used_is_refused_by_name(
     lumped: Rig, tmp_path: Path, name: str, more: dict[str, Any], word: str
 ) -> None:
     with pytest.raises(GimbalPinError, match=word):
-        view.animate(lumped, **{"log": sweep(lumped), **more}, path=tmp_path / name)
+        view.animate(**{"log": sweep(lumped), "rig": lumped, **more}, path=tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
@@ -355,8 +355,8 @@ def test_without_chromium_pictures_say_what_to_install_and_html_works(
     chromium = pytest.importorskip("choreographer.browsers.chromium")
     monkeypatch.setattr(chromium.Chromium, "find_browser", classmethod(lambda _, **__: None))
     with pytest.raises(UsageError, match="apt install chromium"):
-        view.animate(lumped, sweep(lumped), tmp_path / "out.gif")
-    view.animate(lumped, sweep(lumped), tmp_path / "out.html")
+        view.animate(sweep(lumped), lumped, tmp_path / "out.gif")
+    view.animate(sweep(lumped), lumped, tmp_path / "out.html")
     assert [path.name for path in tmp_path.iterdir()] == ["out.html"]
 
 
@@ -369,17 +369,17 @@ def test_a_picture_and_a_film_hold_the_asked_frames(
     log = sweep(lumped, seconds=0.25)
 
     async def notebook() -> None:
-        view.animate(lumped, log, tmp_path / "still.png", size=(320, 180), at=3.2)
+        view.animate(log, lumped, tmp_path / "still.png", size=(320, 180), at=3.2)
 
     asyncio.run(notebook())
     with Image.open(tmp_path / "still.png") as still:
         assert (still.size, still.format) == ((320, 180), "PNG")
-    view.animate(lumped, log, tmp_path / "film.gif", size=(161, 91))
+    view.animate(log, lumped, tmp_path / "film.gif", size=(161, 91))
     with Image.open(tmp_path / "film.gif") as film:
         assert (film.info["duration"], film.n_frames, film.size) == (50, 6, (161, 91))
     monkeypatch.setitem(output.ENCODERS, ".webp", "-c:v no-such-codec")
     with pytest.raises(UsageError, match="no-such-codec"):
-        view.animate(lumped, log, tmp_path / "broken.webp", size=(160, 90))
+        view.animate(log, lumped, tmp_path / "broken.webp", size=(160, 90))
     assert {path.name for path in tmp_path.iterdir()} == {"still.png", "film.gif"}
 
 
@@ -387,7 +387,7 @@ def test_a_picture_and_a_film_hold_the_asked_frames(
 def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path) -> None:
     rig = bundled("thesis")
     log = sweep(rig)
-    view.animate(rig, log, tmp_path / "out.html")
+    view.animate(log, rig, tmp_path / "out.html")
     tip = figure.list_scene_paths(rig, RIG)[3].strip("/").split("/")
     pose = f"(viewer.scene_tree.find({tip}).object.updateWorldMatrix(true, true),"
     pose += f"viewer.scene_tree.find({tip}).object.matrixWorld.toArray())"

@@ -146,7 +146,9 @@ def test_what_mujoco_knows_of_motors_and_sensors_is_the_rigs() -> None:
         np.testing.assert_allclose(gyro.translation, other.site("gyro").xpos, atol=1e-12)
     row = [np.array([[x]]) for x in (0.1, 0.7, 1.3)]
     bodies = compute_regressor(rig, *row) @ rig.phi
-    assert nominal(rig).inverse(*row) - bodies == pytest.approx(0.2 + 0.3 * 0.7 + 0.02 * 1.3)
+    assert nominal(rig).inverse_dynamics(*row) - bodies == pytest.approx(
+        0.2 + 0.3 * 0.7 + 0.02 * 1.3
+    )
 
 
 RIG = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>

@@ -210,7 +210,7 @@ def spare_torque(model: Model, q: Array) -> Array:
     zero = np.zeros_like(q)
     return (
         model.tau_max
-        - np.abs(model.inverse(q, zero, zero, slide=zero))
+        - np.abs(model.inverse_dynamics(q, zero, zero, slide=zero))
         - model.level(q, zero, zero, zero)
     )
 

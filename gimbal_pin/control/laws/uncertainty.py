@@ -98,7 +98,7 @@ def bounds(model: Model, rng: np.random.Generator) -> ModelErrorBounds:
     largest = float(1 / np.linalg.eigvalsh(D)[:, 0].min())
     known = estimate(model)
     if known is None:
-        load = np.linalg.norm(model.inverse(q, v, np.zeros_like(q)), axis=1).max()
+        load = np.linalg.norm(model.inverse_dynamics(q, v, np.zeros_like(q)), axis=1).max()
         shares = f"{100 * STATED_ALPHA:.0f} % of inertia, {100 * STATED_PHI:.0f} % of the rest"
         source = f"no covariance of its parameters: {shares} assumed"
         return ModelErrorBounds(STATED_ALPHA, float(STATED_PHI * load), largest, source)

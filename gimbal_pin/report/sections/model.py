@@ -15,7 +15,7 @@ from markupsafe import Markup
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Cause, Sample
 from gimbal_pin.errors import NORMAL_95, digits
-from gimbal_pin.identification import Identified, PayloadStatement, Several
+from gimbal_pin.identification import IdentificationResult, PayloadStatement, Several
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
@@ -73,7 +73,9 @@ LOOSE = 0.1
 
 
 def show_parameters(
-    found: Identified, payload: PayloadStatement | None, evaluated: Evaluated | None = None
+    found: IdentificationResult,
+    payload: PayloadStatement | None,
+    evaluated: Evaluated | None = None,
 ) -> Section:
     """Return warnings, base parameters and friction with 95 % intervals, the nearest bodies, and the payload's place.
 
@@ -140,7 +142,7 @@ def show_cameras(found: Several) -> Section:
     )
 
 
-def list_notes(found: Identified) -> list[Folded]:
+def list_notes(found: IdentificationResult) -> list[Folded]:
     """Return what of the logs was not used or was altered, how IMUs sit, and when torques act."""
     notes = [
         *found.notes,
@@ -151,7 +153,9 @@ def list_notes(found: Identified) -> list[Folded]:
     return [folded("Notes", bullets(notes), is_detail=False)] if notes else []
 
 
-def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) -> list[object]:
+def list_parameter_parts(
+    found: IdentificationResult, evaluated: Evaluated | None = None
+) -> list[object]:
     """Return base parameters, friction and bodies as parts of a section; on a page the long tables are folded."""
     rows = known(found, evaluated)
     width = len(found.reduction.independent)
@@ -251,7 +255,7 @@ def picture_moved(every: Sequence[KnownParameter], force: str) -> plots.Drawing:
     return plots.Drawing(draw, alt, caption)
 
 
-def picture_effects(found: Identified, evaluated: Evaluated) -> plots.Drawing:
+def picture_effects(found: IdentificationResult, evaluated: Evaluated) -> plots.Drawing:
     """Return every joint's effects over its rate, ``A theta``, with its 95 % band."""
     joints = list_shown_joints(found.model.rig)
     every = [term for term in found.model.terms for _ in term.values]
@@ -294,7 +298,7 @@ def picture_effects(found: Identified, evaluated: Evaluated) -> plots.Drawing:
     return plots.Drawing(lambda: make().draw(), alt, caption, charts=make)
 
 
-def describe_estimate(found: Identified, every: Sequence[KnownParameter]) -> str:
+def describe_estimate(found: IdentificationResult, every: Sequence[KnownParameter]) -> str:
     """Say how many parameters there are, which are in doubt, and whether bodies exist that have them."""
     doubtful = [short(one.name) for one in every if one.tone == "poor" and one.reach]
     doubt = (
@@ -323,7 +327,7 @@ def describe_estimate(found: Identified, every: Sequence[KnownParameter]) -> str
     )
 
 
-def describe_bound(found: Identified) -> list[Element]:
+def describe_bound(found: IdentificationResult) -> list[Element]:
     """Say what the log itself leaves open, whoever estimates: Cramér and Rao's bound beside each interval."""
     if found.bound is None:
         return []
@@ -346,7 +350,7 @@ def describe_lags(found: Model) -> list[str]:
     )
 
 
-def list_mountings(found: Identified) -> list[str]:
+def list_mountings(found: IdentificationResult) -> list[str]:
     """Say how IMUs sit on their links, in degrees."""
     lines = []
     for log, links in found.mountings.items():
@@ -368,7 +372,7 @@ def short(name: str) -> str:
     return f"{first.replace('-', '−')} + …" if others else first.replace("-", "−")
 
 
-def show_torque(found: Identified, evaluated: Evaluated | None = None) -> Section:
+def show_torque(found: IdentificationResult, evaluated: Evaluated | None = None) -> Section:
     """Return the fit's figures, and where rows are given the torques and the residual, over time and rate."""
     where = (
         f"on {rows_named(found.held_out.how)}, which the fit did not see"

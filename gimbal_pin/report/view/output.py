@@ -73,8 +73,8 @@ class Animation:
 
 @check_arguments
 def animate(
-    rig: Rig,
     log: Log,
+    rig: Rig,
     path: str | Path | None = None,
     *,
     fps: float | None = None,
@@ -92,8 +92,8 @@ def animate(
     whatever the machine's speed. The file is written whole or not at all.
 
     Args:
-        rig: What moves.
         log: How it moves.
+        rig: What moves.
         path: Where to; None: nowhere, a notebook shows what is returned.
         fps: Frames per second; None: 30, of a GIF 20, of a WebP 25.
         speed: As for `record`.
