@@ -131,7 +131,8 @@ def finite_or_none(value: float) -> float | None:
 def format_estimate(value: float, std: float, count: int = 3) -> str:
     """Return a value and half of its 95 % interval as `digits` has them: ``0.0213 ± 0.0042``.
 
-    The value has `count` significant digits, and more where the interval's second digit lies beyond: ``2.1804 ± 0.0024``.
+    The value has `count` significant digits, and more where the interval's second digit lies beyond them, as in
+    ``2.1804 ± 0.0024``.
     """
     half = NORMAL_95 * std
     if value and half > 0 and isfinite(half):
