@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -10,9 +10,19 @@ from typing import Any, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.dynamics.reduction import spread_states
+from gimbal_pin.dynamics.reduction import Reduction, spread_states
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_rnea
-from gimbal_pin.effects import ALWAYS, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
+from gimbal_pin.effects import (
+    PLAIN,
+    Coulomb,
+    Effect,
+    RigEffect,
+    Rotor,
+    Sample,
+    Signal,
+    Term,
+    Viscous,
+)
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.plain import read_cause, read_term
@@ -119,9 +129,14 @@ class Model(Record):
     ROWS: ClassVar[str] = "terms"
     __repr__ = brief
 
+    def __post_init__(self) -> None:
+        """Take those rotors that are terms out of the rig."""
+        apart = find_rotors(term.effect for term in self.terms)
+        object.__setattr__(self, "rig", self.rig.with_rotors_apart(apart))
+
     def __str__(self) -> str:
         """One line: whose it is, where its parameters come from, and what it has beside bodies and plain friction."""
-        plain = {kind.name for kind in ALWAYS}
+        plain = {kind.name for kind in PLAIN}
         causes = (*(term.effect for term in self.terms), *self.drive, *self.changes)
         beside = [f"{cause.name} at {cause.place}" for cause in causes if cause.name not in plain]
         known = (
@@ -338,7 +353,8 @@ def read_model_data(data: Any, rig: Rig, place: str = "model") -> Model:
             )
         for cause in (*drive, *(term.effect for term in terms)):
             rig.joint_index(cause.place)
-        rig = replace_bodies(rig, np.array(filed.phi))
+        own = Model(rig, terms)
+        rig = replace_bodies(own.rig, np.array(filed.phi), own.armature)
         for change in changes:
             phi = rig.phi
             rig = change.apply(rig)
@@ -346,10 +362,11 @@ def read_model_data(data: Any, rig: Rig, place: str = "model") -> Model:
         return Model(rig, terms, drive=drive, changes=changes)
 
 
-def replace_bodies(rig: Rig, phi: Array) -> Rig:
+def replace_bodies(rig: Rig, phi: Array, rotors: float | Array = 0.0) -> Rig:
     """Return the rig with inertial parameters from a file, (10 n,).
 
     Bodies need not be physical one by one, as only sums of them show; but no rig moves without inertia.
+    `rotors` as in `is_inertia_positive`.
 
     Raises:
         ModelError: They are of another number of joints, or the inertia is not positive definite at some pose.
@@ -357,7 +374,7 @@ def replace_bodies(rig: Rig, phi: Array) -> Rig:
     if len(phi) != 10 * rig.n:
         raise ModelError("phi", f"has {len(phi)} values", f"give ten for each of {rig.n} joints")
     out = rig.with_phi(phi)
-    if not is_inertia_positive(out):
+    if not is_inertia_positive(out, rotors=rotors):
         raise ModelError(
             "phi",
             "gives the joints an inertia that is not positive at some pose",
@@ -366,17 +383,39 @@ def replace_bodies(rig: Rig, phi: Array) -> Rig:
     return out
 
 
-def is_inertia_positive(rig: Rig, q: Array | None = None) -> bool:
-    """Whether the mass matrix is positive definite at all angles q, (m, n), or all over: otherwise no rig moves so."""
+def is_inertia_positive(rig: Rig, q: Array | None = None, rotors: float | Array = 0.0) -> bool:
+    """Whether the mass matrix is positive definite at all angles q, (m, n), or all over: otherwise no rig moves so.
+
+    `rotors`: inertia that the joints' terms add, kg m², (n,).
+    """
     data = rig.model.createData()
     everywhere = spread_states(rig, EXAMINED_INERTIAS)[0] if q is None else q
-    upper = [pin.crba(rig.model, data, angles) for angles in everywhere]
+    added = np.diag(np.broadcast_to(rotors, rig.n))
+    upper = [pin.crba(rig.model, data, angles) + added for angles in everywhere]
     return bool(np.linalg.eigvalsh(np.array(upper), UPLO="U").min() > 0)
 
 
 def build_friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
     """Coulomb and viscous friction of every joint: always part of the model (thesis 3.61)."""
     return tuple(kind(joint) for joint in joints for kind in (Coulomb, Viscous))
+
+
+def build_stated_effects(rig: Rig, reduction: Reduction) -> tuple[Effect, ...]:
+    """Effects that are parameters of every model of a rig: friction, and rotors that its bodies cannot stand for.
+
+    The latter at joints where the rig states a gear or a rotor, see `Reduction.rotors`.
+    """
+    return build_friction_effects(rig.joints) + build_rotors(reduction)
+
+
+def build_rotors(reduction: Reduction) -> tuple[Effect, ...]:
+    """Rotors that are parameters of their own, see `Reduction.rotors`."""
+    return tuple(map(Rotor, reduction.rotors))
+
+
+def find_rotors(effects: Iterable[Effect]) -> tuple[str, ...]:
+    """Joints whose rotor is among some effects."""
+    return tuple(effect.joint for effect in effects if isinstance(effect, Rotor))
 
 
 def is_motor_friction(effect: Effect) -> bool:
@@ -387,6 +426,7 @@ def is_motor_friction(effect: Effect) -> bool:
 @check_arguments
 def nominal(rig: Rig) -> Model:
     """Return the model as the rig's URDF states it, friction from ``<dynamics>``."""
+    rig = rig.with_rotors_apart(())
     terms = []
     for joint, (dry, viscous) in zip(rig.joints, rig.friction):
         terms += [Term(Coulomb(joint), (float(dry),)), Term(Viscous(joint), (float(viscous),))]

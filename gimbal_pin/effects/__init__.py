@@ -40,6 +40,7 @@ from gimbal_pin.effects.quadratic_drag import QuadraticDrag as QuadraticDrag
 from gimbal_pin.effects.resistance import Resistance as Resistance
 from gimbal_pin.effects.rig_effect import RigEffect as RigEffect
 from gimbal_pin.effects.rig_effect import get_payload as get_payload
+from gimbal_pin.effects.rotor import Rotor as Rotor
 from gimbal_pin.effects.saturation import Saturation as Saturation
 from gimbal_pin.effects.seen import OperatingRange as OperatingRange
 from gimbal_pin.effects.signal import JointLoad as JointLoad
@@ -68,6 +69,8 @@ __getattr__, _, _ = lazy_loader.attach(
 
 ALWAYS: tuple[type[Effect], ...] = (Coulomb, Viscous)
 """Friction that is part of every model, and no finding."""
+PLAIN: tuple[type[Effect], ...] = (*ALWAYS, Rotor)
+"""What is part of a model without being found: friction, and rotors where the rig states a gear or a rotor."""
 
 CAUSES: Mapping[str, type[Cause]] = MappingProxyType(
     {
@@ -76,7 +79,7 @@ CAUSES: Mapping[str, type[Cause]] = MappingProxyType(
         if isinstance(kind, type)
         and issubclass(kind, Cause)
         and hasattr(kind, "name")
-        and kind not in ALWAYS
+        and kind not in PLAIN
     }
 )
 """Every physical cause by its name but platform-motion, which is measured rather than fitted."""

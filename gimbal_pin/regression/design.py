@@ -13,6 +13,7 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 from tqdm import tqdm
 
+from gimbal_pin.dynamics.model import find_rotors
 from gimbal_pin.dynamics.reduction import Reduction, list_units
 from gimbal_pin.dynamics.regressor import (
     compute_gravity,
@@ -237,6 +238,10 @@ class Design:
 
     __repr__ = brief
 
+    def __post_init__(self) -> None:
+        """Take those rotors that are fitted out of the rig."""
+        object.__setattr__(self, "rig", self.rig.with_rotors_apart(find_rotors(self.effects)))
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of theta: base parameters, then ``joint.coefficient``."""
@@ -394,8 +399,8 @@ class Design:
     def compute_known_torque(self, channels: Samples, rigid: Array) -> Array:
         """``rnea - Y_base beta`` of the rig as given, N m, (m, n): what its base parameters do not hold.
 
-        It is the torque of the stated rotors, ``I_a a``. Where the base moves in a way that shows parameters which are
-        not among the base parameters, these stay as given, too.
+        It is the torque of the stated rotors that are not fitted, ``I_a a``. Where the base moves in a way that shows
+        parameters which are not among the base parameters, these stay as given, too.
         """
         if channels.platform is None or self.reduction.base == "rotating":
             return channels.a * self.rig.armature

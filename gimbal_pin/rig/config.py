@@ -48,6 +48,11 @@ class Motor:
         return self.gear_ratio**2 * self.rotor_inertia
 
     @property
+    def states_rotor(self) -> bool:
+        """Whether a gear or a rotor is stated: then the rotor's inertia is a parameter of the model."""
+        return self.rotor_inertia > 0 or abs(self.gear_ratio) != 1
+
+    @property
     def encoder_step(self) -> float:
         """Angle of one encoder step, rad; 0 where the resolution is not stated."""
         return 2 * pi / 2**self.encoder_bits if self.encoder_bits else 0.0

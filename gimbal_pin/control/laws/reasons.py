@@ -12,7 +12,7 @@ from gimbal_pin.control.laws.design import LAYERED, Wish
 from gimbal_pin.control.laws.loop import Margins
 from gimbal_pin.control.laws.uncertainty import DRAWN_MODELS, GAIN_CEILING, ModelErrorBounds, Ratios
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.effects import ALWAYS, Signal
+from gimbal_pin.effects import PLAIN, Signal
 from gimbal_pin.errors import digits
 
 
@@ -203,7 +203,7 @@ def list_compensated(model: Model, kind: str) -> list[tuple[str, str | None]]:
     """Return cause and joint of what a control law makes up for, beside the inertias and plain friction."""
     if kind == "pid":
         return []
-    always = {cause.name for cause in ALWAYS}
+    always = {cause.name for cause in PLAIN}
     found = [
         (term.effect.name, term.effect.joint)
         for term in model.terms
