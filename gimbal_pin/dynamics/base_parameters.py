@@ -19,7 +19,7 @@ class Base(Record):
 
     Attributes:
         rig: The rig's name.
-        parameters: Number of parameters: the bodies', friction, rotors that the rig states.
+        parameters: Number of parameters: the bodies', friction, and what else the rig states.
         terms: Per base parameter, the parameters that it sums and their factors.
         unidentifiable: Parameters without any trace in the torques.
         moving: Motion of the base → the base parameters that it adds to those of a base that stands upright.
@@ -63,7 +63,7 @@ def _name_sums(terms: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
 def compute_base(rig: Rig, diagonal: bool = False) -> Base:
     """Return the base parameters of a rig, of full inertias or of diagonal ones without masses as in the thesis.
 
-    Friction follows, and rotors where the rig states a gear or a rotor: those that no body can stand for.
+    `build_stated_effects` follow: friction, and rotors and constant torques where the rig asks for them.
     """
     reduction = reduce_parameters(rig, diagonal)
     moving = {

@@ -14,6 +14,8 @@ from gimbal_pin.dynamics.reduction import Reduction, spread_states
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_rnea
 from gimbal_pin.effects import (
     PLAIN,
+    Armature,
+    Cause,
     Coulomb,
     Effect,
     RigEffect,
@@ -21,6 +23,7 @@ from gimbal_pin.effects import (
     Sample,
     Signal,
     Term,
+    TorqueBias,
     Viscous,
 )
 from gimbal_pin.effects.base import AMBIENT
@@ -136,9 +139,8 @@ class Model(Record):
 
     def __str__(self) -> str:
         """One line: whose it is, where its parameters come from, and what it has beside bodies and plain friction."""
-        plain = {kind.name for kind in PLAIN}
-        causes = (*(term.effect for term in self.terms), *self.drive, *self.changes)
-        beside = [f"{cause.name} at {cause.place}" for cause in causes if cause.name not in plain]
+        terms = (term.effect for term in self.terms if not is_parameter(self.rig, term.effect))
+        beside = [f"{x.name} at {x.place}" for x in (*terms, *self.drive, *self.changes)]
         known = (
             "as stated"
             if self.estimated is None
@@ -401,11 +403,27 @@ def build_friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
 
 
 def build_stated_effects(rig: Rig, reduction: Reduction) -> tuple[Effect, ...]:
-    """Effects that are parameters of every model of a rig: friction, and rotors that its bodies cannot stand for.
+    """Effects that are parameters of every model of a rig: friction, rotors, and constant torques.
 
-    The latter at joints where the rig states a gear or a rotor, see `Reduction.rotors`.
+    Rotors where it states a gear or a rotor that its bodies cannot stand for, see `Reduction.rotors`; constant torques
+    where it says ``torque_offset: fit``.
     """
-    return build_friction_effects(rig.joints) + build_rotors(reduction)
+    rows = zip(rig.joints, rig.motors)
+    offsets = [TorqueBias(joint) for joint, motor in rows if motor.torque_offset == "fit"]
+    return (*build_friction_effects(rig.joints), *build_rotors(reduction), *offsets)
+
+
+def is_parameter(rig: Rig, effect: Effect | Term | Cause | None) -> bool:
+    """Whether an effect is a parameter of the rig's model, and so never a finding, see `build_stated_effects`."""
+    if isinstance(effect, Term):
+        effect = effect.effect
+    if isinstance(effect, PLAIN):
+        return True
+    if not isinstance(effect, (Armature, TorqueBias)):
+        return False
+    motor = rig.motors[rig.joint_index(effect.joint)]
+    is_offset = isinstance(effect, TorqueBias)
+    return motor.torque_offset == "fit" if is_offset else motor.states_rotor
 
 
 def build_rotors(reduction: Reduction) -> tuple[Effect, ...]:

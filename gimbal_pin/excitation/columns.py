@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Model, build_stated_effects
+from gimbal_pin.dynamics.model import Model, build_stated_effects, is_parameter
 from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea
 from gimbal_pin.effects import Effect, Term
@@ -189,7 +189,7 @@ def differentiate_direction(motion: Motion, step: float, weights: Array) -> Arra
 
 
 def list_shown_effects(model: Model, causes: Sequence[str]) -> list[Effect]:
-    """Return the effects of a model but its friction and rotors, and those of texts for `parse_effect`.
+    """Return the effects of a model but those of `build_stated_effects`, and those of texts for `parse_effect`.
 
     Raises:
         UsageError: A cause is no torque at a joint; it says what shows that.
@@ -204,5 +204,8 @@ def list_shown_effects(model: Model, causes: Sequence[str]) -> list[Effect]:
             mend = f"what shows it is {planted.experiment}; 'simulate --effect' plants it"
             raise UsageError(f"--effect {planted.name}", what, mend)
         terms.append(planted.effect)
-    always = build_stated_effects(model.rig, reduce_parameters(model.rig))
-    return [effect for k, effect in enumerate(terms) if effect not in (*always, *terms[:k])]
+    return [
+        effect
+        for k, effect in enumerate(terms)
+        if not is_parameter(model.rig, effect) and effect not in terms[:k]
+    ]

@@ -23,11 +23,12 @@ from gimbal_pin.dynamics.model import (
     build_stated_effects,
     find_rotors,
     is_inertia_positive,
+    is_parameter,
 )
 from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.dynamics.threads import limit_to_one_thread
-from gimbal_pin.effects import PLAIN, Effect
+from gimbal_pin.effects import Effect
 from gimbal_pin.effects.parse import parse_estimated_effect
 from gimbal_pin.effects.torque_table import TorqueTable
 from gimbal_pin.errors import DataError, UsageError, digits
@@ -257,7 +258,7 @@ def _bound_deviations(design: Design, base: BaseMotion) -> Array | None:
     Under a wider filter; None where the rows then show other parameters.
     """
     wide = replace(design.filtering, cutoff=max(BOUND_CUTOFF, design.filtering.cutoff))
-    further = tuple(effect for effect in design.effects if type(effect) not in PLAIN)
+    further = tuple(effect for effect in design.effects if not is_parameter(design.rig, effect))
     blocks, estimate, _ = _fit_shown(design.rig, further, design.logs, wide, fit_weighted, base)
     return bound_deviations(blocks, estimate.theta) if blocks.design.names == design.names else None
 
@@ -277,6 +278,7 @@ def identify(
 ) -> Identified:
     """Estimate base parameters, Coulomb and viscous friction, rotors, and `effects`, from logs.
 
+    Constant torques are estimated where the rig says ``torque_offset: fit``.
     Rotors are those of joints for which the rig states a gear or a rotor, ``tau = Ia a``. Where no motion tells one
     from the bodies, `Reduction.grouped`, it is a sum's; where the logs do not, it stays as stated, with a note.
 
@@ -463,9 +465,8 @@ def describe_omitted_effects(model: Model) -> tuple[str, ...]:
 
 
 def _list_further_effects(model: Model) -> list[Effect]:
-    """Return the effects beside friction and rotors."""
-    always = {kind.name for kind in PLAIN}
-    return [term.effect for term in model.terms if term.effect.name not in always]
+    """Return the effects that are no parameters of every model of the rig."""
+    return [term.effect for term in model.terms if not is_parameter(model.rig, term.effect)]
 
 
 def _reads_torque_or_table(effect: Effect) -> bool:
@@ -510,7 +511,8 @@ def _fit_shown(
     """
     reduction = reduce_parameters(rig, base=base)
     stated = build_stated_effects(rig, reduction)
-    fitted = tuple(one for one in stated if one not in hidden) + effects
+    further = (one for one in effects if one not in stated)
+    fitted = (*(one for one in stated if one not in hidden), *further)
     rows = compute_blocks(Design(rig, reduction, fitted, logs, filters))
     check_enough(rows)
     (blocks,), late = align_rows([rows])

@@ -31,6 +31,8 @@ class Motor:
         encoder_zero: Mapped reading of the angle sensor at the URDF's zero, rad or m; subtracted on reading.
         gear_ratio: Turns of the rotor per turn of the joint; torques and the constant above are the joint's.
         rotor_inertia: The rotor's inertia about its own axis, kg m².
+        torque_offset: "fit" if the reported torque is off by a constant, which then is a parameter of the model; else
+            "none".
     """
 
     tau_max: float = bounded_field(inf, SMALLEST_POSITIVE, inf)
@@ -41,6 +43,7 @@ class Motor:
     encoder_zero: float = bounded_field(0.0, -1e8, 1e8)
     gear_ratio: float = bounded_field(1.0, -1e5, 1e5)
     rotor_inertia: float = bounded_field(0.0, 0.0, LARGEST_NUMBER)
+    torque_offset: str = "none"
 
     @property
     def armature(self) -> float:
@@ -135,6 +138,10 @@ def load_config(path: Path) -> Config:
     if config.optical_axis not in _OPTICAL_AXES:
         mend = f"write one of {', '.join(_OPTICAL_AXES)}"
         raise RigError(f"{place}: optical_axis", f"is '{config.optical_axis}'", mend)
+    for joint, motor in config.motors.items():
+        if motor.torque_offset not in ("none", "fit"):
+            at = f"{place}: motors.{joint}.torque_offset"
+            raise RigError(at, f"is '{motor.torque_offset}'", "write fit or none")
     rows = config.limits.items()
     limits = {
         joint: read_fields(Limits, entry, f"{place}: limits.{joint}", RigError)

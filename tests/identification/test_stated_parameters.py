@@ -1,7 +1,7 @@
-"""Laws of the parameters beside the bodies that a rig states: rotors.
+"""Laws of the parameters beside the bodies that a rig states: rotors and constant torques.
 
 A rotor whose rig states a gear comes back, is a sum's where no motion tells it from the bodies, and stays as stated
-where the log does not.
+where the log does not. What is stated is estimated and never a finding.
 """
 
 from __future__ import annotations
@@ -13,12 +13,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import Model, compute_base, nominal
+from gimbal_pin.errors import RigError
 from gimbal_pin.excitation import ExcitationColumns, excite
-from gimbal_pin.identification import ESTIMATORS, Identified, identify, read_model, write_model
+from gimbal_pin.identification import (
+    ESTIMATORS,
+    Identified,
+    identify,
+    read_model,
+    refittable_effects,
+    write_model,
+)
+from gimbal_pin.log import Log
 from gimbal_pin.regression import Block, Estimate, fit_weighted, get_design
 from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, prescribed
+from tests.identification.logs import record
 from tests.rigs import bundled
 
 GEARED = bundled("thesis")
@@ -145,3 +156,61 @@ def test_the_arm_of_khalil_and_dombre_has_their_count(tmp_path: Path) -> None:
     geared = compute_base(with_motors(rig, gear_ratio=50.0))
     assert (bodies, len(geared.terms) - 2 * rig.n) == (36, 40)
     assert geared.names[-4:] == ("j3.Ia", "j4.Ia", "j5.Ia", "j6.Ia")
+
+
+OFFSET = 0.3
+
+
+@pytest.fixture(scope="module")
+def offset_log() -> Log:
+    """Return a log of the turret whose reported torques at tilt are off by a constant."""
+    log = record(bundled("turret"), 3, 30.0)
+    assert log.tau is not None
+    return replace(log, tau=log.tau + np.array([0.0, OFFSET]))
+
+
+def test_a_constant_torque_is_a_parameter_where_the_rig_says_so(
+    tmp_path: Path, offset_log: Log
+) -> None:
+    (tmp_path / "rig.yaml").write_text("urdf: turret\nmotors:\n  tilt: {torque_offset: fit}\n")
+    rig = Rig.load(tmp_path / "rig.yaml")
+    found = identify(rig, offset_log, filtering=EXACT)
+    value, std, _ = parameter(found, "tilt.bias")
+    assert abs(value - OFFSET) < 4 * std < 0.1 * OFFSET
+    assert compute_base(rig).names[-1] == "tilt.bias"
+    assert len(ExcitationColumns.of(rig).effects) == 5
+    assert refittable_effects(found.model) == ()
+    assert "torque-bias" not in str(found.model)
+    again = identify(rig, offset_log, ["torque-bias:tilt"], filtering=EXACT)
+    assert again.names == found.names
+
+
+@pytest.mark.parametrize("stated", ["none", "fit"])
+def test_it_is_a_finding_where_the_rig_does_not(stated: str, offset_log: Log) -> None:
+    rig = bundled("turret")
+    rig = replace(rig, motors=(rig.motors[0], replace(rig.motors[1], torque_offset=stated)))
+    found = diagnose(rig, offset_log)
+    causes = [(one.cause, one.joint) for one in found.stated]
+    assert bool(causes) == (stated == "none")
+    assert found.verdict == ("nothing" if stated == "fit" else "named")
+    if stated == "fit":
+        assert found.after.by_joint[1][-1].values[0] == pytest.approx(OFFSET, rel=0.1)
+
+
+def test_a_rotor_is_a_finding_only_without_a_stated_gear() -> None:
+    log = record(PLANT, 3, 30.0)
+    for rig in (GEARED, with_motors(GEARED, gear_ratio=10.0), PLANT):
+        found = diagnose(rig, log)
+        assert [one.cause for one in found.stated] == ["armature"] * (rig is GEARED)
+        at = log.q[::50], np.asarray(log.v)[::50], np.ones_like(log.q[::50])
+        predicted, true = (model.inverse(*at) for model in (found.after, nominal(PLANT)))
+        np.testing.assert_allclose(predicted, true, atol=0.03 * np.abs(true).max())
+
+
+def test_another_word_for_the_offset_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text("urdf: turret\nmotors:\n  tilt: {torque_offset: yes}\n")
+    with pytest.raises(RigError, match="torque_offset"):
+        Rig.load(tmp_path / "rig.yaml")
+    (tmp_path / "rig.yaml").write_text("urdf: turret\nmotors:\n  tilt: {torque_offset: maybe}\n")
+    with pytest.raises(RigError, match="write fit or none"):
+        Rig.load(tmp_path / "rig.yaml")
