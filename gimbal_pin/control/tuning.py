@@ -320,6 +320,7 @@ def tune(
         UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, a disk margin
             that no bandwidth keeps, α ≥ 1.
     """
+    model.check_uncoupled("the controller")
     logged = None if model.estimated is None else model.estimated.dt
     wish = Wish.of(
         model,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -17,6 +17,8 @@ from gimbal_pin.effects import (
     Armature,
     Cause,
     Coulomb,
+    CoupledFriction,
+    CoupledRotor,
     Effect,
     RigEffect,
     Rotor,
@@ -29,7 +31,7 @@ from gimbal_pin.effects import (
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.plain import read_cause, read_term
-from gimbal_pin.errors import ModelError
+from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.arguments import check_arguments, to_rows
@@ -191,9 +193,28 @@ class Model(Record):
     def by_joint(self) -> tuple[tuple[Term, ...], ...]:
         """The terms that act on each joint, (n)."""
         return tuple(
-            tuple(term for term in self.terms if term.effect.joint == joint)
+            tuple(
+                term
+                for term in self.terms
+                if term.effect.joint == joint and not term.effect.coupling
+            )
             for joint in self.rig.joints
         )
+
+    @cached_property
+    def coupled(self) -> tuple[Term, ...]:
+        """The terms at motors that turn with several joints."""
+        return tuple(term for term in self.terms if term.effect.coupling)
+
+    @cached_property
+    def motor_inertia(self) -> Array:
+        """``armature + sum gᵀ Ia g`` of the coupled rotors, kg m², (n, n): what the terms add to the mass matrix."""
+        total: Array = np.diag(self.armature)
+        for term in self.coupled:
+            if isinstance(term.effect, CoupledRotor):
+                g = self.rig.build_motor_row(term.effect.joint)
+                total = total + term.values[0] * np.outer(g, g)
+        return total
 
     @cached_property
     def armature(self) -> Array:
@@ -287,7 +308,20 @@ class Model(Record):
             at = Sample(times, *own)._replace(weight=pull[:, j], losses=heat)
             for term in terms:
                 out[:, j] += term.torque(at)
+        for term in self.coupled:
+            g = self.rig.build_motor_row(term.effect.joint)
+            motor = Sample(times, q @ g, v @ g, a @ g, np.sign(v @ g), tau @ g)
+            out += np.outer(term.torque(motor), g)
         return out
+
+    def check_uncoupled(self, what: str) -> None:
+        """Raise `UsageError` where a motor turns with several joints: `what` takes a motor for each joint."""
+        for joint, others in self.rig.coupling.items():
+            why = (
+                f"couples {joint} with {', '.join(others)}, and {what} takes a motor for each joint"
+            )
+            mend = "leave out coupling in its YAML; 'identify' and 'base' take it"
+            raise UsageError(f"rig {self.rig.name}", why, mend)
 
     def level(
         self,
@@ -356,7 +390,7 @@ def read_model_data(data: Any, rig: Rig, place: str = "model") -> Model:
         for cause in (*drive, *(term.effect for term in terms)):
             rig.joint_index(cause.place)
         own = Model(rig, terms)
-        rig = replace_bodies(own.rig, np.array(filed.phi), own.armature)
+        rig = replace_bodies(own.rig, np.array(filed.phi), own.motor_inertia)
         for change in changes:
             phi = rig.phi
             rig = change.apply(rig)
@@ -388,11 +422,11 @@ def replace_bodies(rig: Rig, phi: Array, rotors: float | Array = 0.0) -> Rig:
 def is_inertia_positive(rig: Rig, q: Array | None = None, rotors: float | Array = 0.0) -> bool:
     """Whether the mass matrix is positive definite at all angles q, (m, n), or all over: otherwise no rig moves so.
 
-    `rotors`: inertia that the joints' terms add, kg m², (n,).
+    `rotors`: inertia that the terms add, kg m², (n,) or (n, n).
     """
     data = rig.model.createData()
     everywhere = spread_states(rig, EXAMINED_INERTIAS)[0] if q is None else q
-    added = np.diag(np.broadcast_to(rotors, rig.n))
+    added = np.diag(np.broadcast_to(rotors, rig.n)) if np.ndim(rotors) < 2 else rotors
     upper = [pin.crba(rig.model, data, angles) + added for angles in everywhere]
     return bool(np.linalg.eigvalsh(np.array(upper), UPLO="U").min() > 0)
 
@@ -403,14 +437,15 @@ def build_friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
 
 
 def build_stated_effects(rig: Rig, reduction: Reduction) -> tuple[Effect, ...]:
-    """Effects that are parameters of every model of a rig: friction, rotors, and constant torques.
+    """Effects that are parameters of every model of a rig: friction, rotors, coupled motors', and constant torques.
 
     Rotors where it states a gear or a rotor that its bodies cannot stand for, see `Reduction.rotors`; constant torques
     where it says ``torque_offset: fit``.
     """
     rows = zip(rig.joints, rig.motors)
     offsets = [TorqueBias(joint) for joint, motor in rows if motor.torque_offset == "fit"]
-    return (*build_friction_effects(rig.joints), *build_rotors(reduction), *offsets)
+    motors = [CoupledFriction(joint, *_split(others)) for joint, others in rig.coupling.items()]
+    return (*build_friction_effects(rig.joints), *build_rotors(rig, reduction), *motors, *offsets)
 
 
 def is_parameter(rig: Rig, effect: Effect | Term | Cause | None) -> bool:
@@ -426,14 +461,25 @@ def is_parameter(rig: Rig, effect: Effect | Term | Cause | None) -> bool:
     return motor.torque_offset == "fit" if is_offset else motor.states_rotor
 
 
-def build_rotors(reduction: Reduction) -> tuple[Effect, ...]:
+def build_rotors(rig: Rig, reduction: Reduction) -> tuple[Effect, ...]:
     """Rotors that are parameters of their own, see `Reduction.rotors`."""
-    return tuple(map(Rotor, reduction.rotors))
+    return tuple(_build_rotor(rig, joint) for joint in reduction.rotors)
+
+
+def _build_rotor(rig: Rig, joint: str) -> Effect:
+    """Rotor of a joint's motor, which may turn with other joints, too."""
+    others = rig.coupling.get(joint)
+    return CoupledRotor(joint, *_split(others)) if others else Rotor(joint)
+
+
+def _split(others: Mapping[str, float]) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Joints and ratios of a coupling."""
+    return tuple(others), tuple(others.values())
 
 
 def find_rotors(effects: Iterable[Effect]) -> tuple[str, ...]:
     """Joints whose rotor is among some effects."""
-    return tuple(effect.joint for effect in effects if isinstance(effect, Rotor))
+    return tuple(effect.joint for effect in effects if isinstance(effect, (Rotor, CoupledRotor)))
 
 
 def is_motor_friction(effect: Effect) -> bool:
@@ -448,4 +494,10 @@ def nominal(rig: Rig) -> Model:
     terms = []
     for joint, (dry, viscous) in zip(rig.joints, rig.friction):
         terms += [Term(Coulomb(joint), (float(dry),)), Term(Viscous(joint), (float(viscous),))]
+    for joint, others in rig.coupling.items():
+        inertia = rig.motors[rig.joint_index(joint)].armature
+        terms += [
+            Term(_build_rotor(rig, joint), (inertia,)),
+            Term(CoupledFriction(joint, *_split(others)), (0.0, 0.0)),
+        ]
     return Model(rig, tuple(terms))

@@ -158,7 +158,8 @@ def reduce_parameters(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixe
     """
     matrix, names = stack_regressors(rig, diagonal, base)
     found = replace(scan_columns(matrix, names), base=base)
-    joints = [joint for joint, motor in zip(rig.joints, rig.motors) if motor.states_rotor]
+    rows = zip(rig.joints, rig.motors)
+    joints = [joint for joint, motor in rows if motor.states_rotor or joint in rig.coupling]
     return _add_rotors(rig, found, matrix, joints) if joints else found
 
 
@@ -170,8 +171,8 @@ def _add_rotors(rig: Rig, bodies: Reduction, matrix: Array, joints: Sequence[str
     """
     numbers = [rig.joint_index(joint) for joint in joints]
     a = spread_states(rig)[2]
-    columns = np.zeros((*a.shape, len(joints)))
-    columns[:, numbers, range(len(joints))] = a[:, numbers]
+    G = np.array([rig.build_motor_row(joint) for joint in joints])
+    columns = (a @ G.T)[:, None, :] * G.T
     kept = matrix[:, bodies.independent]
     names = tuple(f"{joint}.Ia" for joint in joints)
     whole = scan_columns(

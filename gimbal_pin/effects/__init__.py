@@ -18,6 +18,9 @@ from gimbal_pin.effects.cable_spring import CableSpring as CableSpring
 from gimbal_pin.effects.cause import Cause as Cause
 from gimbal_pin.effects.cogging import Cogging as Cogging
 from gimbal_pin.effects.coulomb import Coulomb as Coulomb
+from gimbal_pin.effects.coupled import Coupled as Coupled
+from gimbal_pin.effects.coupled import CoupledFriction as CoupledFriction
+from gimbal_pin.effects.coupled import CoupledRotor as CoupledRotor
 from gimbal_pin.effects.dead_zone import DeadZone as DeadZone
 from gimbal_pin.effects.delay import Delay as Delay
 from gimbal_pin.effects.encoder_offset import EncoderOffset as EncoderOffset
@@ -69,8 +72,8 @@ __getattr__, _, _ = lazy_loader.attach(
 
 ALWAYS: tuple[type[Effect], ...] = (Coulomb, Viscous)
 """Friction that is part of every model, and no finding."""
-PLAIN: tuple[type[Effect], ...] = (*ALWAYS, Rotor)
-"""What is part of a model without being found: friction, and rotors where the rig states a gear or a rotor."""
+PLAIN: tuple[type[Effect], ...] = (*ALWAYS, Rotor, CoupledRotor, CoupledFriction)
+"""What is part of a model without being found: friction, and what the rig states of rotors and couplings."""
 
 CAUSES: Mapping[str, type[Cause]] = MappingProxyType(
     {

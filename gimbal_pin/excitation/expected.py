@@ -154,7 +154,7 @@ def predict_estimate(
     rig = model.rig
     step = float(np.median(np.diff(motion.t)))
     reduction = reduce_parameters(rig)
-    rotors = build_rotors(reduction)
+    rotors = build_rotors(rig, reduction)
     fitted = (*build_stated_effects(rig, reduction), *effects)
     rubbing = {
         term.effect.joint

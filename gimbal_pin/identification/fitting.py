@@ -139,7 +139,7 @@ def assemble_result(
     if held_out is not None:
         model = replace(model, doubts=tuple(Validation(train, held_out).doubts()))
     consistent, shift = _find_nearest_physical(design, estimate, trust)
-    if not is_inertia_positive(model.rig, rotors=model.armature):
+    if not is_inertia_positive(model.rig, rotors=model.motor_inertia):
         model = replace(model, rig=model.rig.with_phi(consistent.phi))
     moved = np.concatenate([block.A[:, :, : len(shift)] @ shift for block in blocks])
     change = np.sqrt(np.mean(moved**2, axis=0))
@@ -519,7 +519,9 @@ def _fit_shown(
     estimate = estimator(blocks)
     unseen = find_unseen(blocks.design.names, blocks, estimate)
     rotors = tuple(
-        x for x in fitted if x in stated and x.like_inertia and f"{x.joint}.Ia" in unseen
+        x
+        for x in fitted
+        if x in stated and x.like_inertia and not x.coupling and f"{x.joint}.Ia" in unseen
     )
     if rotors:
         return _fit_shown(rig, effects, logs, filters, estimator, base, (*hidden, *rotors))

@@ -307,7 +307,7 @@ class Identified(Record):
         rig = self.model.rig
         names = [kind.name for kind in PLAIN]
         rotors = [motor.armature or np.nan for motor in rig.motors]
-        plain = np.column_stack([rig.friction, rotors])
+        plain = np.column_stack([rig.friction, rotors, rotors, np.full(rig.n, np.nan)])
         base = self.reduction.mixing @ self.given[name_columns(rig)[1]]
         others = np.full(len(self.names) - len(base), np.nan)
         at = 0

@@ -415,7 +415,7 @@ class Design:
 def compute_effect_columns(
     rig: Rig, effects: Sequence[Effect], channels: Samples, slide: Array, pull: Array | None = None
 ) -> Array:
-    """Torque at each joint per coefficient of the effects, (m, n, e).
+    """Torque at each joint per coefficient of the effects, (m, n, e); of coupled motors ``gᵀ basis(g q, g v, g a)``.
 
     Args:
         rig: The rig.
@@ -434,6 +434,15 @@ def compute_effect_columns(
         )
     column = 0
     for effect in effects:
+        if effect.coupling:
+            g = rig.build_motor_row(effect.joint)
+            q, v, a, rate, tau = (
+                x @ g for x in (channels.q, channels.v, channels.a, channels.slide, channels.tau)
+            )
+            for basis in effect.basis(Sample(channels.t, q, v, a, np.sign(rate), tau)):
+                out[:, :, column] = np.outer(basis, g)
+                column += 1
+            continue
         j = rig.joint_index(effect.joint)
         own = (x[:, j] for x in (channels.q, channels.v, channels.a, slide, channels.tau))
         for basis in effect.basis(Sample(channels.t, *own)._replace(weight=pull[:, j])):

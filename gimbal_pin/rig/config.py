@@ -96,6 +96,8 @@ class Config:
         inertia: "trusted" if the URDF's inertias are known to be right, so that differences from them are findings.
         motors: Joint → `Motor`.
         limits: Joint → the entries of `Limits` to override.
+        coupling: Joint → other joint → turns of the former's motor per turn of the latter, as a share of those per turn
+            of its own: that motor's angle at its joint is ``q + sum ratio q_other``.
         imus: Links that carry an IMU.
         noise: Densities of the IMUs' noise.
     """
@@ -111,6 +113,7 @@ class Config:
     inertia: str = "nominal"
     motors: Mapping[str, Motor] = field(default_factory=dict)
     limits: Mapping[str, Any] = field(default_factory=dict)
+    coupling: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     imus: tuple[str, ...] = ()
     noise: Noise = Noise()
 
@@ -142,6 +145,10 @@ def load_config(path: Path) -> Config:
         if motor.torque_offset not in ("none", "fit"):
             at = f"{place}: motors.{joint}.torque_offset"
             raise RigError(at, f"is '{motor.torque_offset}'", "write fit or none")
+    for joint, others in config.coupling.items():
+        if joint in others:
+            what = "couples a joint with itself"
+            raise RigError(f"{place}: coupling.{joint}", what, "name other joints")
     rows = config.limits.items()
     limits = {
         joint: read_fields(Limits, entry, f"{place}: limits.{joint}", RigError)

@@ -91,9 +91,8 @@ class Rig(Record):
     def __post_init__(self) -> None:
         """Give the Pinocchio model the rotors that the motors state."""
         rows = zip(self.joints, self.motors)
-        stated = np.array(
-            [0.0 if joint in self.rotors_apart else motor.armature for joint, motor in rows]
-        )
+        apart = {*self.rotors_apart, *self.coupling}
+        stated = np.array([0.0 if joint in apart else motor.armature for joint, motor in rows])
         if not np.array_equal(self.model.armature, stated):
             model = self.model.copy()
             model.armature = stated
@@ -103,9 +102,19 @@ class Rig(Record):
     def armature(self) -> Array:
         """Stated inertia of each motor's rotor at its joint, ``gear_ratio² rotor_inertia``, kg m², (n,).
 
-        Zero at the joints `rotors_apart`.
+        Zero at the joints `rotors_apart`, and where a motor turns with several joints, see `coupling`.
         """
         return np.array(self.model.armature)
+
+    @property
+    def coupling(self) -> Mapping[str, Mapping[str, float]]:
+        """Joint → other joint → turns of the former's motor per turn of the latter, see `Config`."""
+        return {joint: others for joint, others in self.config.coupling.items() if others}
+
+    def build_motor_row(self, joint: str) -> Array:
+        """Return g of ``g q``, the angle of a joint's motor at its joint, (n,): of a motor of its own a unit vector."""
+        turns = {joint: 1.0, **self.coupling.get(joint, {})}
+        return np.array([turns.get(each, 0.0) for each in self.joints])
 
     def with_rotors_apart(self, joints: Iterable[str]) -> Rig:
         """Return the rig without the rotors that are stated at some joints, and with all others."""
@@ -313,7 +322,8 @@ def build_rig(
     element = urdf.parse_robot(sound, place)
     joints = tuple(model.names[1:])
     links = urdf.list_element_names(element, "link")
-    for key in (*config.motors, *config.limits):
+    coupled = [joint for own, others in config.coupling.items() for joint in (own, *others)]
+    for key in (*config.motors, *config.limits, *coupled):
         if key not in joints and key not in config.fixed:
             raise RigError(
                 stated,
