@@ -323,6 +323,11 @@ class Model(Record):
             mend = "leave out coupling in its YAML; 'identify' and 'base' take it"
             raise UsageError(f"rig {self.rig.name}", why, mend)
 
+    @cached_property
+    def _dry(self) -> Model:
+        """The model with its dry friction alone."""
+        return Model(self.rig, tuple(term for term in self.terms if term.effect.dry))
+
     def level(
         self,
         q: Array,
@@ -337,7 +342,7 @@ class Model(Record):
         It is positive in both directions; without `slide` it is that of the positive one.
         """
         way = np.ones_like(q) if slide is None else slide
-        dry = Model(self.rig, tuple(term for term in self.terms if term.effect.dry))
+        dry = self._dry
         return way * (
             dry.passive(q, v, a, way, tau, t) - dry.passive(q, v, a, np.zeros_like(q), tau, t)
         )

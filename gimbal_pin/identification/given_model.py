@@ -57,9 +57,9 @@ def describe_friction(refitted: Model, unexplained: Collection[str]) -> str | No
     known = refitted.estimated
     assert known is not None
     friction = {
-        f"{x.joint}.{p.name}"
-        for x in build_friction_effects(refitted.rig.joints)
-        for p in x.coefficients
+        f"{effect.joint}.{effect.name}.{coefficient.name}"
+        for effect in build_friction_effects(refitted.rig.joints)
+        for coefficient in effect.coefficients
     }
     every = zip(known.names, known.theta.tolist(), known.std.tolist(), known.units)
     rows = [row for row in every if row[0] in friction]

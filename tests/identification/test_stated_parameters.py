@@ -194,7 +194,8 @@ def test_it_is_a_finding_where_the_rig_does_not(stated: str, offset_log: Log) ->
     assert bool(causes) == (stated == "none")
     assert found.verdict == ("nothing" if stated == "fit" else "named")
     if stated == "fit":
-        assert found.after.by_joint[1][-1].values[0] == pytest.approx(OFFSET, rel=0.1)
+        for model in (found.before, found.after):
+            assert model.by_joint[1][-1].values[0] == pytest.approx(OFFSET, rel=0.1)
 
 
 def test_a_rotor_is_a_finding_only_without_a_stated_gear() -> None:
