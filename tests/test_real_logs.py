@@ -1,7 +1,7 @@
 """Diagnoses of measured logs, which are not in the repository: planted by nature, known to us.
 
 The cogging of a turning motor is found blind. What noise or a disagreement of logs forbids is not
-stated.
+stated. The coupling of a wrist explains its torques, with the friction that its authors published.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 
 from gimbal_pin.diagnosis import Diagnosis, diagnose
+from gimbal_pin.identification import identify
 from gimbal_pin.log import read_log
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig
 
 DATA = Path(__file__).parents[2] / "shared"
@@ -79,3 +81,26 @@ def test_a_base_that_moves_without_its_imu_is_unknown() -> None:
 def test_a_unit_or_a_mount_that_the_urdf_lacks_is_stated(file: str) -> None:
     found = said("cases/semantic/rig.yaml", [f"{file}.csv.gz"], [])
     assert found.statements and found.verdict == "unknown"
+
+
+def test_the_coupling_of_a_wrist_explains_its_torques(tmp_path: Path) -> None:
+    """Its authors found Fsm 2.03 N m and Fvm 0.60 N m s/rad from 9 s, of which these are 4."""
+    place = DATA / "data/staubli_tx40"
+    if not place.exists():
+        pytest.skip(f"{place} is missing")
+    ratios = (32, 32, 45, -48, 45, 32)
+    gears = "".join(f"  joint_{k}: {{gear_ratio: {x}}}\n" for k, x in enumerate(ratios, 1))
+    errors = []
+    for coupling in ("", "coupling: {joint_6: {joint_5: 1.0}}\n"):
+        path = tmp_path / "arm.yaml"
+        path.write_text(f"urdf: {(place / 'tx40.urdf').resolve()}\nmotors:\n{gears}{coupling}")
+        rig = Rig.load(path, mend=True)
+        log = read_log(place / "tx40_4s.csv.gz", rig)
+        found = identify(rig, log, filtering=Filtering(cutoff=20.0), examined="never")
+        assert found.held_out is not None
+        errors.append([found.held_out.torque_rmse[f"joint_{k}"] for k in (5, 6)])
+    assert errors[1][0] < 0.4 * errors[0][0] < 2.41
+    assert errors[1][1] < 0.6 * errors[0][1] < 1.58
+    values = dict(zip(found.names, found.estimate.theta.tolist()))
+    assert values["joint_6.Fsm"] == pytest.approx(2.03, rel=0.2)
+    assert values["joint_6.Fvm"] == pytest.approx(0.60, rel=0.2)

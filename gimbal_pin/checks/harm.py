@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import build_friction_effects
+from gimbal_pin.dynamics.model import build_stated_effects
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
@@ -46,7 +46,7 @@ def build_design(
     return Design(
         rig,
         reduction,
-        build_friction_effects(rig.joints),
+        build_stated_effects(rig, reduction),
         (log,),
         replace(filtering, direction=SIGN_BAND, compact=True),
     )

@@ -324,6 +324,7 @@ def tune(
     """
     if isinstance(model, IdentificationResult):
         model = model.model
+    model.check_uncoupled("the controller")
     logged = None if model.estimated is None else model.estimated.dt
     wish = Wish.of(
         model,

@@ -15,18 +15,24 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from gimbal_pin.diagnosis.rows import FADE_SHARE
+from gimbal_pin.dynamics.model import is_parameter
 from gimbal_pin.effects import (
     CAUSES,
+    Armature,
     CableSpring,
     Cause,
     Effect,
     JointFlexibility,
     Sample,
+    TorqueBias,
 )
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig
+
+PARAMETER_PRIOR = 1e3
+"""Log prior of what the rig states to be there, nats: no other cause stands for it."""
 
 LOG_PRIORS = {
     "torque-bias": 2.0,
@@ -199,6 +205,16 @@ def compute_columns(candidates: Iterable[Candidate], sample: Sample, dt: float) 
 def count_columns(candidate: Candidate) -> int:
     """Return the number of a joint's candidate's columns."""
     return len(candidate.cause.coefficients) if isinstance(candidate.cause, Effect) else 1
+
+
+def list_parameters(rig: Rig) -> list[Candidate]:
+    """Return causes that are parameters of the rig's model, beside which a search begins, and which it always keeps."""
+    return [
+        Candidate(kind(joint), j, PARAMETER_PRIOR)
+        for j, joint in enumerate(rig.joints)
+        for kind in (Armature, TorqueBias)
+        if is_parameter(rig, kind(joint)) and not kind.is_stated(joint, rig)
+    ]
 
 
 def list_candidates(rig: Rig, joint: int, ranges: OperatingRange) -> list[Candidate]:

@@ -9,7 +9,7 @@ import numpy as np
 from gimbal_pin.diagnosis.problem import SHIFT, Problem
 from gimbal_pin.diagnosis.result import Finding
 from gimbal_pin.diagnosis.search import Solution
-from gimbal_pin.dynamics.model import Estimated, Model, build_friction_effects
+from gimbal_pin.dynamics.model import Estimated, Model, build_friction_effects, is_parameter
 from gimbal_pin.dynamics.reduction import list_units
 from gimbal_pin.effects import Effect, RigEffect, Signal, Term
 from gimbal_pin.log.log import Array
@@ -42,6 +42,7 @@ def build_model(
     effects = build_friction_effects(rig.joints)
     terms = [Term(effect, (value,)) for effect, value in zip(effects, theta[friction].tolist())]
     terms += [one for one in physical if isinstance(one, Term)]
+    held = [term.effect for term in terms]
     drive = tuple(one for one in physical if isinstance(one, Signal))
 
     pairs = [(effect, p) for effect in effects for p in effect.coefficients]
@@ -50,6 +51,8 @@ def build_model(
         if isinstance(candidate.cause, Effect):
             own = solution.get_places(candidate, problem)
             places += range(own.start, own.stop)
+            if is_parameter(rig, candidate.cause) and candidate.cause not in held:
+                terms.append(Term(candidate.cause, tuple(theta[own].tolist())))
             pairs += [(candidate.cause, p) for p in candidate.cause.coefficients]
     values = theta.copy()
     values[: problem.base_count] += problem.urdf

@@ -27,6 +27,7 @@ from gimbal_pin.diagnosis.settings import SETTINGS, Settings
 from gimbal_pin.diagnosis.several import find_disagreement
 from gimbal_pin.diagnosis.uncertainty import compute_covariance
 from gimbal_pin.diagnosis.visibility import get_joint
+from gimbal_pin.dynamics.model import is_parameter
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import RigEffect
 from gimbal_pin.errors import DataError, UsageError
@@ -129,6 +130,7 @@ def describe_explanation(
     scales = tuple(one for one in scales if not one.torques or not places.issuperset(one.torques))
     is_final = extended is explanation.found.final
     rest = explanation.rest if is_final else tuple(describe_rest(search, extended))
+    findings = [one for one in findings if not is_parameter(rig, one.physical)]
     verdict = choose_verdict(findings, explanation.rest)
     if prepared.makes_physics_unreliable or (prepared.hides_inertia() and not stated):
         verdict = "data"

@@ -10,7 +10,13 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
-from gimbal_pin.diagnosis.candidates import REFINEMENTS, Candidate, list_candidates, vary_shape
+from gimbal_pin.diagnosis.candidates import (
+    REFINEMENTS,
+    Candidate,
+    list_candidates,
+    list_parameters,
+    vary_shape,
+)
 from gimbal_pin.diagnosis.library import (
     Shelf,
     build_joint_columns,
@@ -411,7 +417,7 @@ def find_causes(search: Search, shelves: Sequence[Shelf] = ()) -> Found:
     """
     problem = search.problem
     settings = problem.settings
-    first = search.solve(())
+    first = search.solve(list_parameters(problem.rig))
     solution = first
     shelves = search.renew_shelves(shelves, first) or search.build_shelves(first.torque)
     rejected = list[Rejection]()

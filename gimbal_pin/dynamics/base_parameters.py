@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from gimbal_pin.dynamics.model import build_friction_effects
+from gimbal_pin.dynamics.model import build_stated_effects
 from gimbal_pin.dynamics.reduction import Reduction, format_sum, reduce_parameters
 from gimbal_pin.log.platform import BASE_MOTIONS, BaseMotion
 from gimbal_pin.rig.brief import Record, brief
@@ -19,7 +19,7 @@ class Base(Record):
 
     Attributes:
         rig: The rig's name.
-        parameters: Number of inertial and friction parameters.
+        parameters: Number of parameters: the bodies', friction, and what else the rig states.
         terms: Per base parameter, the parameters that it sums and their factors.
         unidentifiable: Parameters without any trace in the torques.
         moving: Motion of the base → the base parameters that it adds to those of a base that stands upright.
@@ -61,21 +61,24 @@ def _name_sums(terms: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
 
 
 def compute_base(rig: Rig, diagonal: bool = False) -> Base:
-    """Return the base parameters of a rig, of full inertias or of diagonal ones without masses as in the thesis."""
+    """Return the base parameters of a rig, of full inertias or of diagonal ones without masses as in the thesis.
+
+    `build_stated_effects` follow: friction, and rotors and constant torques where the rig asks for them.
+    """
     reduction = reduce_parameters(rig, diagonal)
     moving = {
         motion: _find_added_sums(reduction, reduce_parameters(rig, diagonal, motion))
         for motion in BASE_MOTIONS[1:]
     }
-    friction = [
+    others = [
         f"{effect.joint}.{c.name}"
-        for effect in build_friction_effects(rig.joints)
+        for effect in build_stated_effects(rig, reduction)
         for c in effect.coefficients
     ]
     return Base(
         rig=rig.name,
-        parameters=len(reduction.names) + len(friction),
-        terms=(*reduction.terms, *({name: 1.0} for name in friction)),
+        parameters=len(reduction.names) + len(others) + sum(map(len, reduction.grouped)),
+        terms=(*reduction.terms, *({name: 1.0} for name in others)),
         unidentifiable=reduction.unidentifiable,
         moving=moving,
     )
@@ -83,6 +86,9 @@ def compute_base(rig: Rig, diagonal: bool = False) -> Base:
 
 def _find_added_sums(fixed: Reduction, moving: Reduction) -> tuple[Mapping[str, float], ...]:
     """Return the base parameters that a motion of the base adds: each is led by a column that was not there before."""
-    return tuple(
+    bodies = tuple(
         terms for j, terms in zip(moving.independent, moving.terms) if j not in fixed.independent
+    )
+    return bodies + tuple(
+        {f"{joint}.Ia": 1.0} for joint in moving.rotors if joint not in fixed.rotors
     )

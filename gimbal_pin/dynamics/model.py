@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -11,13 +11,28 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from gimbal_pin.dynamics.reduction import spread_states
+from gimbal_pin.dynamics.reduction import Reduction, spread_states
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_rnea
-from gimbal_pin.effects import ALWAYS, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
+from gimbal_pin.effects import (
+    PLAIN,
+    Armature,
+    Cause,
+    Coulomb,
+    CoupledFriction,
+    CoupledRotor,
+    Effect,
+    RigEffect,
+    Rotor,
+    Sample,
+    Signal,
+    Term,
+    TorqueBias,
+    Viscous,
+)
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.plain import read_cause, read_term
-from gimbal_pin.errors import ModelError
+from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.arguments import check_arguments, check_count, check_type, to_rows
@@ -120,11 +135,15 @@ class Model(Record):
     ROWS: ClassVar[str] = "terms"
     __repr__ = brief
 
+    def __post_init__(self) -> None:
+        """Take those rotors that are terms out of the rig."""
+        apart = find_rotors(term.effect for term in self.terms)
+        object.__setattr__(self, "rig", self.rig.with_rotors_apart(apart))
+
     def __str__(self) -> str:
         """One line: whose it is, where its parameters come from, and what it has beside bodies and plain friction."""
-        plain = {kind.name for kind in ALWAYS}
-        causes = (*(term.effect for term in self.terms), *self.drive, *self.changes)
-        beside = [f"{cause.name} at {cause.place}" for cause in causes if cause.name not in plain]
+        terms = (term.effect for term in self.terms if not is_parameter(self.rig, term.effect))
+        beside = [f"{x.name} at {x.place}" for x in (*terms, *self.drive, *self.changes)]
         known = (
             "as stated"
             if self.estimated is None
@@ -175,9 +194,28 @@ class Model(Record):
     def by_joint(self) -> tuple[tuple[Term, ...], ...]:
         """The terms that act on each joint, (n)."""
         return tuple(
-            tuple(term for term in self.terms if term.effect.joint == joint)
+            tuple(
+                term
+                for term in self.terms
+                if term.effect.joint == joint and not term.effect.coupling
+            )
             for joint in self.rig.joints
         )
+
+    @cached_property
+    def coupled(self) -> tuple[Term, ...]:
+        """The terms at motors that turn with several joints."""
+        return tuple(term for term in self.terms if term.effect.coupling)
+
+    @cached_property
+    def motor_inertia(self) -> Array:
+        """``armature + sum gᵀ Ia g`` of the coupled rotors, kg m², (n, n): what the terms add to the mass matrix."""
+        total: Array = np.diag(self.armature)
+        for term in self.coupled:
+            if isinstance(term.effect, CoupledRotor):
+                g = self.rig.build_motor_row(term.effect.joint)
+                total = total + term.values[0] * np.outer(g, g)
+        return total
 
     @cached_property
     def armature(self) -> Array:
@@ -285,7 +323,25 @@ class Model(Record):
             at = Sample(times, *own)._replace(weight=pull[:, j], losses=heat)
             for term in terms:
                 out[:, j] += term.torque(at)
+        for term in self.coupled:
+            g = self.rig.build_motor_row(term.effect.joint)
+            motor = Sample(times, q @ g, v @ g, a @ g, np.sign(v @ g), tau @ g)
+            out += np.outer(term.torque(motor), g)
         return out
+
+    def check_uncoupled(self, what: str) -> None:
+        """Raise `UsageError` where a motor turns with several joints: `what` takes a motor for each joint."""
+        for joint, others in self.rig.coupling.items():
+            why = (
+                f"couples {joint} with {', '.join(others)}, and {what} takes a motor for each joint"
+            )
+            mend = "leave out coupling in its YAML; 'identify' and 'base' take it"
+            raise UsageError(f"rig {self.rig.name}", why, mend)
+
+    @cached_property
+    def _dry(self) -> Model:
+        """The model with its dry friction alone."""
+        return Model(self.rig, tuple(term for term in self.terms if term.effect.dry))
 
     def level(
         self,
@@ -301,7 +357,7 @@ class Model(Record):
         It is positive in both directions; without `slide` it is that of the positive one.
         """
         way = np.ones_like(q) if slide is None else slide
-        dry = Model(self.rig, tuple(term for term in self.terms if term.effect.dry))
+        dry = self._dry
         return way * (
             dry.passive(q, v, a, way, tau, t) - dry.passive(q, v, a, np.zeros_like(q), tau, t)
         )
@@ -353,7 +409,8 @@ def read_model_data(data: Any, rig: Rig, place: str = "model") -> Model:
             )
         for cause in (*drive, *(term.effect for term in terms)):
             rig.joint_index(cause.place)
-        rig = replace_bodies(rig, np.array(filed.phi))
+        own = Model(rig, terms)
+        rig = replace_bodies(own.rig, np.array(filed.phi), own.motor_inertia)
         for change in changes:
             phi = rig.phi
             rig = change.apply(rig)
@@ -361,10 +418,11 @@ def read_model_data(data: Any, rig: Rig, place: str = "model") -> Model:
         return Model(rig, terms, drive=drive, changes=changes)
 
 
-def replace_bodies(rig: Rig, phi: Array) -> Rig:
+def replace_bodies(rig: Rig, phi: Array, rotors: float | Array = 0.0) -> Rig:
     """Return the rig with inertial parameters from a file, (10 n,).
 
     Bodies need not be physical one by one, as only sums of them show; but no rig moves without inertia.
+    `rotors` as in `is_inertia_positive`.
 
     Raises:
         ModelError: They are of another number of joints, or the inertia is not positive definite at some pose.
@@ -372,7 +430,7 @@ def replace_bodies(rig: Rig, phi: Array) -> Rig:
     if len(phi) != 10 * rig.n:
         raise ModelError("phi", f"has {len(phi)} values", f"give ten for each of {rig.n} joints")
     out = rig.with_phi(phi)
-    if not is_inertia_positive(out):
+    if not is_inertia_positive(out, rotors=rotors):
         raise ModelError(
             "phi",
             "gives the joints an inertia that is not positive at some pose",
@@ -381,17 +439,67 @@ def replace_bodies(rig: Rig, phi: Array) -> Rig:
     return out
 
 
-def is_inertia_positive(rig: Rig, q: Array | None = None) -> bool:
-    """Whether the mass matrix is positive definite at all angles q, (m, n), or all over: otherwise no rig moves so."""
+def is_inertia_positive(rig: Rig, q: Array | None = None, rotors: float | Array = 0.0) -> bool:
+    """Whether the mass matrix is positive definite at all angles q, (m, n), or all over: otherwise no rig moves so.
+
+    `rotors`: inertia that the terms add, kg m², (n,) or (n, n).
+    """
     data = rig.model.createData()
     everywhere = spread_states(rig, EXAMINED_INERTIAS)[0] if q is None else q
-    upper = [pin.crba(rig.model, data, angles) for angles in everywhere]
+    added = np.diag(np.broadcast_to(rotors, rig.n)) if np.ndim(rotors) < 2 else rotors
+    upper = [pin.crba(rig.model, data, angles) + added for angles in everywhere]
     return bool(np.linalg.eigvalsh(np.array(upper), UPLO="U").min() > 0)
 
 
 def build_friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
     """Coulomb and viscous friction of every joint: always part of the model (thesis 3.61)."""
     return tuple(kind(joint) for joint in joints for kind in (Coulomb, Viscous))
+
+
+def build_stated_effects(rig: Rig, reduction: Reduction) -> tuple[Effect, ...]:
+    """Effects that are parameters of every model of a rig: friction, rotors, coupled motors', and constant torques.
+
+    Rotors where it states a gear or a rotor that its bodies cannot stand for, see `Reduction.rotors`; constant torques
+    where it says ``torque_offset: fit``.
+    """
+    rows = zip(rig.joints, rig.motors)
+    offsets = [TorqueBias(joint) for joint, motor in rows if motor.torque_offset == "fit"]
+    motors = [CoupledFriction(joint, *_split(others)) for joint, others in rig.coupling.items()]
+    return (*build_friction_effects(rig.joints), *build_rotors(rig, reduction), *motors, *offsets)
+
+
+def is_parameter(rig: Rig, effect: Effect | Term | Cause | None) -> bool:
+    """Whether an effect is a parameter of the rig's model, and so never a finding, see `build_stated_effects`."""
+    if isinstance(effect, Term):
+        effect = effect.effect
+    if isinstance(effect, PLAIN):
+        return True
+    if not isinstance(effect, (Armature, TorqueBias)):
+        return False
+    motor = rig.motors[rig.joint_index(effect.joint)]
+    is_offset = isinstance(effect, TorqueBias)
+    return motor.torque_offset == "fit" if is_offset else motor.states_rotor
+
+
+def build_rotors(rig: Rig, reduction: Reduction) -> tuple[Effect, ...]:
+    """Rotors that are parameters of their own, see `Reduction.rotors`."""
+    return tuple(_build_rotor(rig, joint) for joint in reduction.rotors)
+
+
+def _build_rotor(rig: Rig, joint: str) -> Effect:
+    """Rotor of a joint's motor, which may turn with other joints, too."""
+    others = rig.coupling.get(joint)
+    return CoupledRotor(joint, *_split(others)) if others else Rotor(joint)
+
+
+def _split(others: Mapping[str, float]) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Joints and ratios of a coupling."""
+    return tuple(others), tuple(others.values())
+
+
+def find_rotors(effects: Iterable[Effect]) -> tuple[str, ...]:
+    """Joints whose rotor is among some effects."""
+    return tuple(effect.joint for effect in effects if isinstance(effect, (Rotor, CoupledRotor)))
 
 
 def is_motor_friction(effect: Effect) -> bool:
@@ -402,7 +510,14 @@ def is_motor_friction(effect: Effect) -> bool:
 @check_arguments
 def nominal(rig: Rig) -> Model:
     """Return the model as the rig's URDF states it, friction from ``<dynamics>``."""
+    rig = rig.with_rotors_apart(())
     terms = []
     for joint, (dry, viscous) in zip(rig.joints, rig.friction):
         terms += [Term(Coulomb(joint), (float(dry),)), Term(Viscous(joint), (float(viscous),))]
+    for joint, others in rig.coupling.items():
+        inertia = rig.motors[rig.joint_index(joint)].armature
+        terms += [
+            Term(_build_rotor(rig, joint), (inertia,)),
+            Term(CoupledFriction(joint, *_split(others)), (0.0, 0.0)),
+        ]
     return Model(rig, tuple(terms))

@@ -86,6 +86,7 @@ class Plant:
 
         `platform`: motion of its base on a uniform grid, best of half a step; None: it stands, which is faster.
         """
+        model.check_uncoupled("the simulation")
         self.model = model
         self.n = model.rig.n
         self.pin = model.rig.model.copy()

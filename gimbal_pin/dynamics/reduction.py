@@ -28,6 +28,8 @@ class Reduction:
         zero: Columns that are zero at every pose and motion: unidentifiable, whatever the data.
         mixing: beta per phi, (b, p): the identity on the independent columns, the regrouping on the others.
         base: What the base does for all of them to show.
+        rotors: Joints whose stated rotor is a parameter of its own: no body's parameters have its torque.
+        grouped: Per base parameter, rotors of unstated inertia that it sums, ``joint.Ia``, and their factors.
     """
 
     names: tuple[str, ...]
@@ -35,15 +37,20 @@ class Reduction:
     zero: tuple[int, ...]
     mixing: Array
     base: BaseMotion = "fixed"
+    rotors: tuple[str, ...] = ()
+    grouped: tuple[Mapping[str, float], ...] = ()
 
     __repr__ = brief
 
     @property
     def terms(self) -> tuple[dict[str, float], ...]:
         """Per base parameter, the parameters that it sums and their factors."""
-        return tuple(
+        bodies = tuple(
             {self.names[j]: float(row[j]) for j in np.flatnonzero(row)} for row in self.mixing
         )
+        if not self.grouped:
+            return bodies
+        return tuple({**one, **rotors} for one, rotors in zip(bodies, self.grouped, strict=True))
 
     @property
     def base_names(self) -> tuple[str, ...]:
@@ -149,4 +156,36 @@ def reduce_parameters(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixe
     `base` says what the base does: a lean shows some first moments and masses, turning shows inertias besides. Columns
     that a lesser motion keeps, a greater one keeps, too.
     """
-    return replace(scan_columns(*stack_regressors(rig, diagonal, base)), base=base)
+    matrix, names = stack_regressors(rig, diagonal, base)
+    found = replace(scan_columns(matrix, names), base=base)
+    rows = zip(rig.joints, rig.motors)
+    joints = [joint for joint, motor in rows if motor.states_rotor or joint in rig.coupling]
+    return _add_rotors(rig, found, matrix, joints) if joints else found
+
+
+def _add_rotors(rig: Rig, bodies: Reduction, matrix: Array, joints: Sequence[str]) -> Reduction:
+    """Return a reduction with the rotors of some joints, scanned after the bodies; `matrix`: the stacked regressor.
+
+    One without a column of its own is a sum's where the rig states its gear alone. Where the rig states its inertia,
+    too, it counts as known, and the sum has the bodies alone.
+    """
+    numbers = [rig.joint_index(joint) for joint in joints]
+    a = spread_states(rig)[2]
+    G = np.array([rig.build_motor_row(joint) for joint in joints])
+    columns = (a @ G.T)[:, None, :] * G.T
+    kept = matrix[:, bodies.independent]
+    names = tuple(f"{joint}.Ia" for joint in joints)
+    whole = scan_columns(
+        np.column_stack([kept, columns.reshape(len(kept), -1)]),
+        (*(bodies.names[j] for j in bodies.independent), *names),
+    )
+    count = len(bodies.independent)
+    free = [joint for k, joint in enumerate(joints) if count + k in whole.independent]
+    unknown = [
+        k for k, j in enumerate(numbers) if joints[k] not in free and not rig.motors[j].armature
+    ]
+    grouped = tuple(
+        {names[k]: float(row[count + k]) for k in unknown if row[count + k]}
+        for row in whole.mixing[:count]
+    )
+    return replace(bodies, rotors=tuple(free), grouped=grouped)

@@ -18,6 +18,9 @@ from gimbal_pin.effects.cable_spring import CableSpring as CableSpring
 from gimbal_pin.effects.cause import Cause as Cause
 from gimbal_pin.effects.cogging import Cogging as Cogging
 from gimbal_pin.effects.coulomb import Coulomb as Coulomb
+from gimbal_pin.effects.coupled import Coupled as Coupled
+from gimbal_pin.effects.coupled import CoupledFriction as CoupledFriction
+from gimbal_pin.effects.coupled import CoupledRotor as CoupledRotor
 from gimbal_pin.effects.dead_zone import DeadZone as DeadZone
 from gimbal_pin.effects.delay import Delay as Delay
 from gimbal_pin.effects.encoder_offset import EncoderOffset as EncoderOffset
@@ -40,6 +43,7 @@ from gimbal_pin.effects.quadratic_drag import QuadraticDrag as QuadraticDrag
 from gimbal_pin.effects.resistance import Resistance as Resistance
 from gimbal_pin.effects.rig_effect import RigEffect as RigEffect
 from gimbal_pin.effects.rig_effect import get_payload as get_payload
+from gimbal_pin.effects.rotor import Rotor as Rotor
 from gimbal_pin.effects.saturation import Saturation as Saturation
 from gimbal_pin.effects.seen import OperatingRange as OperatingRange
 from gimbal_pin.effects.signal import JointLoad as JointLoad
@@ -68,6 +72,8 @@ __getattr__, _, _ = lazy_loader.attach(
 
 ALWAYS: tuple[type[Effect], ...] = (Coulomb, Viscous)
 """Friction that is part of every model, and no finding."""
+PLAIN: tuple[type[Effect], ...] = (*ALWAYS, Rotor, CoupledRotor, CoupledFriction)
+"""What is part of a model without being found: friction, and what the rig states of rotors and couplings."""
 
 CAUSES: Mapping[str, type[Cause]] = MappingProxyType(
     {
@@ -76,7 +82,7 @@ CAUSES: Mapping[str, type[Cause]] = MappingProxyType(
         if isinstance(kind, type)
         and issubclass(kind, Cause)
         and hasattr(kind, "name")
-        and kind not in ALWAYS
+        and kind not in PLAIN
     }
 )
 """Every physical cause by its name but platform-motion, which is measured rather than fitted."""

@@ -29,7 +29,7 @@ class Armature(Effect):
     @classmethod
     def is_stated(cls, joint: str, rig: Rig) -> bool:
         """Whether the rig states a rotor with inertia at a joint."""
-        return bool(rig.armature[rig.joint_index(joint)])
+        return bool(rig.motors[rig.joint_index(joint)].armature)
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """The joint's acceleration."""

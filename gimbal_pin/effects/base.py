@@ -90,6 +90,11 @@ class Effect(Cause):
         """The coefficients, in the order of `basis`."""
         return self.linear
 
+    @property
+    def coupling(self) -> Mapping[str, float]:
+        """Joint → turns of the motor per turn of it, where it acts at a motor that turns with several; empty: not."""
+        return {}
+
     @abstractmethod
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Return the torque per unit of each coefficient, N m per its unit; floats for floats, (N,) for arrays."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gimbal_pin.effects import ALWAYS, CAUSES, Cause, Effect, Term
+from gimbal_pin.effects import CAUSES, PLAIN, Cause, Effect, Term
 from gimbal_pin.effects.torque_table import TorqueTable
 from gimbal_pin.errors import ModelError
 from gimbal_pin.rig.records import convert_value, prefix_place, read_record
@@ -17,7 +17,7 @@ def read_cause(data: Any) -> Cause:
     Raises:
         ModelError: An unknown cause, a field that it does not have or that is missing, or a value that it cannot have.
     """
-    kinds: tuple[type[Effect], ...] = (*ALWAYS, TorqueTable)
+    kinds: tuple[type[Effect], ...] = (*PLAIN, TorqueTable)
     every: Mapping[str, type[Cause]] = {**CAUSES, **{kind.name: kind for kind in kinds}}
     if not isinstance(data, dict):
         raise ModelError("effect", "is no table of a cause and its values", "write it with to_dict")

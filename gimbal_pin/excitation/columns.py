@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Model, build_friction_effects
+from gimbal_pin.dynamics.model import Model, build_stated_effects, is_parameter
 from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea
 from gimbal_pin.effects import Effect, Term
@@ -51,10 +51,9 @@ class ExcitationColumns:
 
     @staticmethod
     def of(rig: Rig, effects: Sequence[Effect] = ()) -> ExcitationColumns:
-        """The rig's base parameters and friction, and the `effects` on top."""
-        return ExcitationColumns(
-            rig, (*build_friction_effects(rig.joints), *effects), reduce_parameters(rig)
-        )
+        """The rig's base parameters, friction and rotors, and the `effects` on top."""
+        reduction = reduce_parameters(rig)
+        return ExcitationColumns(rig, (*build_stated_effects(rig, reduction), *effects), reduction)
 
     @cached_property
     def places(self) -> Array:
@@ -190,7 +189,7 @@ def differentiate_direction(motion: Motion, step: float, weights: Array) -> Arra
 
 
 def list_shown_effects(model: Model, causes: Sequence[str]) -> list[Effect]:
-    """Return the effects of a model but its Coulomb and viscous friction, and those of texts for `parse_effect`.
+    """Return the effects of a model but those of `build_stated_effects`, and those of texts for `parse_effect`.
 
     Raises:
         UsageError: A cause is no torque at a joint; it says what shows that.
@@ -205,5 +204,8 @@ def list_shown_effects(model: Model, causes: Sequence[str]) -> list[Effect]:
             mend = f"what shows it is {planted.experiment}; 'simulate --effect' plants it"
             raise UsageError(f"--effect {planted.name}", what, mend)
         terms.append(planted.effect)
-    friction = build_friction_effects(model.rig.joints)
-    return [effect for k, effect in enumerate(terms) if effect not in (*friction, *terms[:k])]
+    return [
+        effect
+        for k, effect in enumerate(terms)
+        if not is_parameter(model.rig, effect) and effect not in terms[:k]
+    ]

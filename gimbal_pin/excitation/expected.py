@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Model, build_friction_effects, is_motor_friction
+from gimbal_pin.dynamics.model import Model, build_rotors, build_stated_effects, is_motor_friction
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.dynamics.threads import limit_to_one_thread
@@ -153,13 +153,18 @@ def predict_estimate(
     """
     rig = model.rig
     step = float(np.median(np.diff(motion.t)))
-    fitted = (*build_friction_effects(rig.joints), *effects)
+    reduction = reduce_parameters(rig)
+    rotors = build_rotors(rig, reduction)
+    fitted = (*build_stated_effects(rig, reduction), *effects)
     rubbing = {
         term.effect.joint
         for term in model.terms
         if is_motor_friction(term.effect) and any(term.values)
     }
-    values: dict[Effect, tuple[float, ...]] = {term.effect: term.values for term in model.terms}
+    values: dict[Effect, tuple[float, ...]] = {
+        **{rotor: (rig.motors[rig.joint_index(rotor.joint)].armature,) for rotor in rotors},
+        **{term.effect: term.values for term in model.terms},
+    }
     tau = model.inverse_dynamics(motion.q, motion.v, motion.a, t=motion.t)
     size = np.maximum(np.sqrt(np.mean(tau**2, axis=0)), 1e-300)
     found = model.estimated
@@ -170,7 +175,7 @@ def predict_estimate(
     missed = _choose_shares(form_error, 0.015, size, found.missed if found else ())
     log = record_log(model, motion, noise, make_generator(rng)[0])
     exact = Log("exact", rig.joints, motion.t, motion.q, motion.v, tau)
-    design = Design(rig, reduce_parameters(rig), fitted, (log,), Filtering(alignment=0.0))
+    design = Design(rig, reduction, fitted, (log,), Filtering(alignment=0.0))
     terms = [x for effect in fitted for x in values.get(effect, (nan,) * len(effect.coefficients))]
     truth = np.concatenate([given_beta(rig, design.reduction), terms])
     blocks = compute_blocks(design)

@@ -10,7 +10,15 @@ import pinocchio as pin
 from lxml import etree
 
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.effects import ActuatorLag, Armature, CableSpring, Saturation, Term, TorqueGain
+from gimbal_pin.effects import (
+    ActuatorLag,
+    Armature,
+    CableSpring,
+    Rotor,
+    Saturation,
+    Term,
+    TorqueGain,
+)
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.errors import ModelError
 from gimbal_pin.rig.inertia import describe_broken_rule
@@ -96,7 +104,7 @@ def _is_written(term: Term) -> bool:
         effect.stiffening or effect.growth or effect.taut
     )
     gain = isinstance(effect, TorqueGain) and effect.side == 0
-    return isinstance(effect, Armature) or gain or (linear_spring and term.values[1] > 0)
+    return isinstance(effect, (Armature, Rotor)) or gain or (linear_spring and term.values[1] > 0)
 
 
 def _write_body(parent: etree._Element, model: Model, j: int) -> etree._Element:

@@ -144,7 +144,10 @@ class Variation:
             )
             terms.append(replace(term, values=tuple(x * factor for x in term.values)))
         model = replace(
-            model, rig=replace_bodies(model.rig, phi), terms=tuple(terms), estimated=None
+            model,
+            rig=replace_bodies(model.rig, phi, model.armature),
+            terms=tuple(terms),
+            estimated=None,
         )
         offset = [values.get(f"payload.{axis}", 0.0) / 1000 for axis in "xyz"]
         causes: list[PayloadShift | PayloadMass] = [PayloadShift(*offset)] if any(offset) else []

@@ -20,13 +20,15 @@ from gimbal_pin.dynamics.model import (
     Doubt,
     Estimated,
     Model,
-    build_friction_effects,
+    build_stated_effects,
+    find_rotors,
     is_inertia_positive,
+    is_parameter,
 )
 from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.dynamics.threads import limit_to_one_thread
-from gimbal_pin.effects import ALWAYS, Effect
+from gimbal_pin.effects import Effect
 from gimbal_pin.effects.parse import parse_estimated_effect
 from gimbal_pin.effects.torque_table import TorqueTable
 from gimbal_pin.errors import DataError, UsageError, digits
@@ -138,7 +140,7 @@ def assemble_result(
     if held_out is not None:
         model = replace(model, doubts=tuple(Validation(train, held_out).doubts()))
     consistent, shift = _find_nearest_physical(design, estimate, trust)
-    if not is_inertia_positive(model.rig):
+    if not is_inertia_positive(model.rig, rotors=model.motor_inertia):
         model = replace(model, rig=model.rig.with_phi(consistent.phi))
     moved = np.concatenate([block.A[:, :, : len(shift)] @ shift for block in blocks])
     change = np.sqrt(np.mean(moved**2, axis=0))
@@ -261,9 +263,8 @@ def _bound_deviations(design: Design, base: BaseMotion) -> Array | None:
     Under a wider filter; None where the rows then show other parameters.
     """
     wide = replace(design.filtering, cutoff=max(BOUND_CUTOFF, design.filtering.cutoff))
-    blocks, estimate, _ = _fit_shown(
-        design.rig, design.effects, design.logs, wide, fit_weighted, base
-    )
+    further = tuple(effect for effect in design.effects if not is_parameter(design.rig, effect))
+    blocks, estimate, _ = _fit_shown(design.rig, further, design.logs, wide, fit_weighted, base)
     return bound_deviations(blocks, estimate.theta) if blocks.design.names == design.names else None
 
 
@@ -280,7 +281,11 @@ def identify(
     examined: WhenTested = "noisy",
     trust: float = TRUST,
 ) -> IdentificationResult:
-    """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
+    """Estimate base parameters, Coulomb and viscous friction, rotors, and `effects`, from logs.
+
+    Constant torques are estimated where the rig says ``torque_offset: fit``.
+    Rotors are those of joints for which the rig states a gear or a rotor, ``tau = Ia a``. Where no motion tells one
+    from the bodies, `Reduction.grouped`, it is a sum's; where the logs do not, it stays as stated, with a note.
 
     Where a log holds the base's IMU and that says that the base moved or leant, its motion is part of the equations,
     and the parameters that only such a motion shows are estimated, too. The logs are first checked, and
@@ -329,13 +334,18 @@ def identify(
     train, test, how = split_logs(logs, holdout, filters)
     base = greatest_base_motion(rig, train)
     parted = _LogSplit(rig, train, test, filters, method, base)
-    (blocks, estimate, late, tested), left_out = parted.fit_without_overfitted(
-        build_friction_effects(rig.joints) + further
-    )
+    (blocks, estimate, late, tested), left_out = parted.fit_without_overfitted(further)
     check_assignment(blocks, estimate)
     estimate, missed = add_misfit(blocks, estimate)
     estimate = add_lag_spread(blocks, estimate, late)
     unused = [log.name for log in test if any(log is one for one in logs)]
+    reduction = blocks.design.reduction
+    fitted = find_rotors(blocks.design.effects)
+    notes += tuple(
+        f"{joint}: the logs do not tell its rotor from the bodies: it stays as stated"
+        for joint in reduction.rotors
+        if joint not in fitted
+    )
     notes += tuple(
         f"{name} only judged the others and taught nothing; --refit learns from all"
         for name in unused
@@ -405,7 +415,7 @@ class _LogSplit:
     base: BaseMotion
 
     def fit(self, effects: tuple[Effect, ...]) -> _Trial:
-        """Fit with some effects."""
+        """Fit with some effects beside friction and rotors."""
         blocks, estimate, late = _fit_shown(
             self.rig, effects, self.train, self.filters, self.estimator, self.base
         )
@@ -417,20 +427,16 @@ class _LogSplit:
         """Fit without the effects of joints where they do not hold for what was held out; say which these are."""
         trial = self.fit(effects)
         left_out = list[Doubt]()
-        always = build_friction_effects(self.rig.joints)
-        for joint in dict.fromkeys(effect.joint for effect in effects if effect not in always):
-            mine = [
-                one
-                for one in trial.blocks.design.effects
-                if one.joint == joint and one not in always
-            ]
+        for joint in dict.fromkeys(effect.joint for effect in effects):
+            mine = [one for one in effects if one.joint == joint]
             full = trial.validation
             if full is None:
                 break
-            plain = self.fit(tuple(one for one in trial.blocks.design.effects if one not in mine))
+            plain = self.fit(tuple(one for one in effects if one not in mine))
             if plain.validation is None or full.holds_beside(plain.validation, joint):
                 continue
             trial = plain
+            effects = tuple(one for one in effects if one not in mine)
             names = ", ".join(dict.fromkeys(one.name for one in mine))
             without = digits(plain.validation.held_out.fit_percent[joint], 3)
             why = f"{names} left out: with it {full.fits(joint)}; without it to {without} %"
@@ -465,9 +471,8 @@ def describe_omitted_effects(model: Model) -> tuple[str, ...]:
 
 
 def _list_further_effects(model: Model) -> list[Effect]:
-    """Return the effects beside Coulomb and viscous friction."""
-    always = {kind.name for kind in ALWAYS}
-    return [term.effect for term in model.terms if term.effect.name not in always]
+    """Return the effects that are no parameters of every model of the rig."""
+    return [term.effect for term in model.terms if not is_parameter(model.rig, term.effect)]
 
 
 def _reads_torque_or_table(effect: Effect) -> bool:
@@ -502,20 +507,33 @@ def _fit_shown(
     filters: Filtering,
     estimator: Estimator,
     base: BaseMotion,
+    hidden: tuple[Effect, ...] = (),
 ) -> tuple[DesignBlocks, Estimate, Array]:
     """Fit the base parameters that a motion of the base shows; if the logs hide some, those of a lesser motion.
 
-    Beside the rows and the estimate it returns the covariance of the torques' lags, s², (n, n).
+    Friction and rotors are fitted beside the `effects`; rotors that the logs hide stay as stated. Beside the rows and
+    the estimate it returns the covariance of the torques' lags, s², (n, n).
 
     Raises:
         DataError: Too few rows, or parameters without a trace that a fixed base would show.
     """
-    design = Design(rig, reduce_parameters(rig, base=base), effects, logs, filters)
-    rows = compute_blocks(design)
+    reduction = reduce_parameters(rig, base=base)
+    stated = build_stated_effects(rig, reduction)
+    further = (one for one in effects if one not in stated)
+    fitted = (*(one for one in stated if one not in hidden), *further)
+    rows = compute_blocks(Design(rig, reduction, fitted, logs, filters))
     check_enough(rows)
     (blocks,), late = align_rows([rows])
     estimate = estimator(blocks)
-    if base != "fixed" and find_unseen(blocks.design.names, blocks, estimate):
+    unseen = find_unseen(blocks.design.names, blocks, estimate)
+    rotors = tuple(
+        x
+        for x in fitted
+        if x in stated and x.like_inertia and not x.coupling and f"{x.joint}.Ia" in unseen
+    )
+    if rotors:
+        return _fit_shown(rig, effects, logs, filters, estimator, base, (*hidden, *rotors))
+    if base != "fixed" and unseen:
         return _fit_shown(
             rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1]
         )

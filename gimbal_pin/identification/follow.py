@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gimbal_pin.checks import check_assignment, check_sampling
-from gimbal_pin.dynamics.model import Model, build_friction_effects
+from gimbal_pin.dynamics.model import Model, build_stated_effects
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
@@ -183,8 +183,9 @@ class Online:
                 )
         if not fading > 0:
             raise UsageError("fading", f"is {fading:g} s", "give a positive time, or infinity")
-        everywhere = build_friction_effects(rig.joints) + tuple(effects)
-        design = Design(rig, reduce_parameters(rig), everywhere, (), filtering or _take_lags(known))
+        reduction = reduce_parameters(rig)
+        everywhere = build_stated_effects(rig, reduction) + tuple(effects)
+        design = Design(rig, reduction, everywhere, (), filtering or _take_lags(known))
         if known is None:
             return Online(design, len(design.names), fading)
         before = get_known_parameters(known)

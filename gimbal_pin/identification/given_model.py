@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from scipy.stats import norm
 
-from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.model import Model, build_friction_effects
 from gimbal_pin.errors import format_estimate
 from gimbal_pin.identification.difference import FALSE_ALARM
 from gimbal_pin.identification.payload import DEVIATIONS, is_physical_inertia
@@ -56,8 +56,13 @@ def describe_friction(refitted: Model, unexplained: Collection[str]) -> str | No
     """
     known = refitted.estimated
     assert known is not None
-    first = len(known.names) - sum(len(term.values) for term in refitted.terms)
-    rows = list(zip(known.names, known.theta.tolist(), known.std.tolist(), known.units))[first:]
+    friction = {
+        f"{effect.joint}.{effect.name}.{coefficient.name}"
+        for effect in build_friction_effects(refitted.rig.joints)
+        for coefficient in effect.coefficients
+    }
+    every = zip(known.names, known.theta.tolist(), known.std.tolist(), known.units)
+    rows = [row for row in every if row[0] in friction]
     parts = list[str]()
     for joint, stated in zip(refitted.rig.joints, refitted.rig.friction):
         own = [row for row in rows if row[0].startswith(f"{joint}.")]

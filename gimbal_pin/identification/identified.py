@@ -14,7 +14,7 @@ from gimbal_pin.checks.calibration import correct_imus
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import name_columns
-from gimbal_pin.effects import ALWAYS
+from gimbal_pin.effects import ALWAYS, PLAIN, Effect, Parameter
 from gimbal_pin.errors import (
     NORMAL_95,
     DataError,
@@ -54,7 +54,7 @@ NEGATIVE_FROM = 3.0
 """Deviations under zero from which a parameter that cannot be negative is said to be: one in 700 is by chance."""
 MASKED_FROM = 0.5
 """Share of a joint's samples that may be masked out before the rest are no longer the log."""
-POSITIVE = ("Ixx", "Iyy", "Izz", "m")
+POSITIVE = ("Ixx", "Iyy", "Izz", "m", "Ia")
 """Parameters of a body that no body has negative; a sum of them is not either."""
 LARGE_REST = 0.1
 """Least share of every joint's torque that is unexplained, for a cause to be sought outside of the joints; at twice
@@ -173,8 +173,10 @@ def _iterate_negative(found: IdentificationResult) -> Iterator[str]:
         for terms in found.reduction.terms
     )
     positive = ["no body has such an inertia" if only else "" for only in sums]
-    coefficients = (c for term in found.model.terms for c in term.effect.coefficients)
-    positive += ["friction takes power" if c.lower >= 0 else "" for c in coefficients]
+    coefficients = (
+        (term.effect, c) for term in found.model.terms for c in term.effect.coefficients
+    )
+    positive += [_say_why_positive(effect, c) for effect, c in coefficients]
     rows = zip(
         found.names,
         positive,
@@ -191,6 +193,13 @@ def _iterate_negative(found: IdentificationResult) -> Iterator[str]:
             vague.append(f"{name} ({figure})")
     if vague:
         yield f"undetermined, for their values are under zero and no such thing exists: {', '.join(vague)}"
+
+
+def _say_why_positive(effect: Effect, coefficient: Parameter) -> str:
+    """Say why a coefficient cannot be negative; nothing where it can."""
+    if coefficient.lower < 0:
+        return ""
+    return "no rotor has such an inertia" if effect.like_inertia else "friction takes power"
 
 
 @dataclass(frozen=True, eq=False)
@@ -415,13 +424,15 @@ class IdentificationResult(Record):
     def stated(self) -> Array:
         """The URDF's value of every parameter, (k,); NaN for what it does not state, as of an unknown payload."""
         rig = self.model.rig
-        names = [kind.name for kind in ALWAYS]
+        names = [kind.name for kind in PLAIN]
+        rotors = [motor.armature or np.nan for motor in rig.motors]
+        plain = np.column_stack([rig.friction, rotors, rotors, np.full(rig.n, np.nan)])
         base = self.reduction.mixing @ self.given[name_columns(rig)[1]]
         others = np.full(len(self.names) - len(base), np.nan)
         at = 0
         for term in self.model.terms:
             if term.effect.name in names:
-                others[at] = rig.friction[
+                others[at] = plain[
                     rig.joint_index(term.effect.joint), names.index(term.effect.name)
                 ]
             at += len(term.values)

@@ -18,7 +18,7 @@ from gimbal_pin.checks import (
     check_time,
     collect_alterations,
 )
-from gimbal_pin.dynamics.model import Estimated, Model, build_friction_effects
+from gimbal_pin.dynamics.model import Estimated, Model, build_stated_effects
 from gimbal_pin.dynamics.reduction import (
     Reduction,
     format_sum,
@@ -517,7 +517,7 @@ def identify_several(
     order = (reference, *(name for name in rigs if name != reference))
     reduction = reduce_parameters(rigs[reference])
     own = CarrierEstimate.of(rigs[reference], reduction)
-    everything = (*build_friction_effects(rigs[reference].joints), *effects)
+    everything = (*build_stated_effects(rigs[reference], reduction), *effects)
     each = [
         _build_part(rigs[name], logs[name], everything, holdout, filtering, reduction)
         for name in order

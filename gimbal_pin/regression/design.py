@@ -13,6 +13,7 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 from tqdm import tqdm
 
+from gimbal_pin.dynamics.model import find_rotors
 from gimbal_pin.dynamics.reduction import Reduction, list_units
 from gimbal_pin.dynamics.regressor import (
     compute_gravity,
@@ -237,6 +238,10 @@ class Design:
 
     __repr__ = brief
 
+    def __post_init__(self) -> None:
+        """Take those rotors that are fitted out of the rig."""
+        object.__setattr__(self, "rig", self.rig.with_rotors_apart(find_rotors(self.effects)))
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of theta: base parameters, then ``joint.coefficient``."""
@@ -394,8 +399,8 @@ class Design:
     def compute_known_torque(self, channels: Samples, rigid: Array) -> Array:
         """``rnea - Y_base beta`` of the rig as given, N m, (m, n): what its base parameters do not hold.
 
-        It is the torque of the stated rotors, ``I_a a``. Where the base moves in a way that shows parameters which are
-        not among the base parameters, these stay as given, too.
+        It is the torque of the stated rotors that are not fitted, ``I_a a``. Where the base moves in a way that shows
+        parameters which are not among the base parameters, these stay as given, too.
         """
         if channels.platform is None or self.reduction.base == "rotating":
             return channels.a * self.rig.armature
@@ -410,7 +415,7 @@ class Design:
 def compute_effect_columns(
     rig: Rig, effects: Sequence[Effect], channels: Samples, slide: Array, pull: Array | None = None
 ) -> Array:
-    """Torque at each joint per coefficient of the effects, (m, n, e).
+    """Torque at each joint per coefficient of the effects, (m, n, e); of coupled motors ``gᵀ basis(g q, g v, g a)``.
 
     Args:
         rig: The rig.
@@ -429,6 +434,15 @@ def compute_effect_columns(
         )
     column = 0
     for effect in effects:
+        if effect.coupling:
+            g = rig.build_motor_row(effect.joint)
+            q, v, a, rate, tau = (
+                x @ g for x in (channels.q, channels.v, channels.a, channels.slide, channels.tau)
+            )
+            for basis in effect.basis(Sample(channels.t, q, v, a, np.sign(rate), tau)):
+                out[:, :, column] = np.outer(basis, g)
+                column += 1
+            continue
         j = rig.joint_index(effect.joint)
         own = (x[:, j] for x in (channels.q, channels.v, channels.a, slide, channels.tau))
         for basis in effect.basis(Sample(channels.t, *own)._replace(weight=pull[:, j])):

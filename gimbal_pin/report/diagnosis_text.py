@@ -86,7 +86,8 @@ def list_deciding_faults(found: Diagnosis) -> tuple[Fault, ...]:
 def list_remarks(found: Diagnosis) -> list[str]:
     """Return what is to be known beside the verdict, in sentences."""
     remarks = [f"Verdict: {found.verdict}.", *map(to_sentence, found.statements)]
-    if found.held_out is not None and not is_inertia_positive(found.after.rig):
+    after = found.after
+    if found.held_out is not None and not is_inertia_positive(after.rig, rotors=after.armature):
         remarks.append(UNUSABLE_MODEL)
     return [*remarks, PLATFORM_COUNTS] if found.lacking != found.stated else remarks
 

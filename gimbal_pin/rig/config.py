@@ -31,6 +31,8 @@ class Motor:
         encoder_zero: Mapped reading of the angle sensor at the URDF's zero, rad or m; subtracted on reading.
         gear_ratio: Turns of the rotor per turn of the joint; torques and the constant above are the joint's.
         rotor_inertia: The rotor's inertia about its own axis, kg m².
+        torque_offset: "fit" if the reported torque is off by a constant, which then is a parameter of the model; else
+            "none".
     """
 
     tau_max: float = bounded_field(inf, SMALLEST_POSITIVE, inf)
@@ -41,11 +43,17 @@ class Motor:
     encoder_zero: float = bounded_field(0.0, -1e8, 1e8)
     gear_ratio: float = bounded_field(1.0, -1e5, 1e5)
     rotor_inertia: float = bounded_field(0.0, 0.0, LARGEST_NUMBER)
+    torque_offset: str = "none"
 
     @property
     def armature(self) -> float:
         """The rotor's inertia at the joint, kg m²."""
         return self.gear_ratio**2 * self.rotor_inertia
+
+    @property
+    def states_rotor(self) -> bool:
+        """Whether a gear or a rotor is stated: then the rotor's inertia is a parameter of the model."""
+        return self.rotor_inertia > 0 or abs(self.gear_ratio) != 1
 
     @property
     def encoder_step(self) -> float:
@@ -88,6 +96,8 @@ class Config:
         inertia: "trusted" if the URDF's inertias are known to be right, so that differences from them are findings.
         motors: Joint → `Motor`.
         limits: Joint → the entries of `Limits` to override.
+        coupling: Joint → other joint → turns of the former's motor per turn of the latter, as a share of those per turn
+            of its own: that motor's angle at its joint is ``q + sum ratio q_other``.
         imus: Links that carry an IMU.
         noise: Densities of the IMUs' noise.
     """
@@ -103,6 +113,7 @@ class Config:
     inertia: str = "nominal"
     motors: Mapping[str, Motor] = field(default_factory=dict)
     limits: Mapping[str, Any] = field(default_factory=dict)
+    coupling: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     imus: tuple[str, ...] = ()
     noise: Noise = Noise()
 
@@ -130,6 +141,14 @@ def load_config(path: Path) -> Config:
     if config.optical_axis not in _OPTICAL_AXES:
         mend = f"write one of {', '.join(_OPTICAL_AXES)}"
         raise RigError(f"{place}: optical_axis", f"is '{config.optical_axis}'", mend)
+    for joint, motor in config.motors.items():
+        if motor.torque_offset not in ("none", "fit"):
+            at = f"{place}: motors.{joint}.torque_offset"
+            raise RigError(at, f"is '{motor.torque_offset}'", "write fit or none")
+    for joint, others in config.coupling.items():
+        if joint in others:
+            what = "couples a joint with itself"
+            raise RigError(f"{place}: coupling.{joint}", what, "name other joints")
     rows = config.limits.items()
     limits = {
         joint: read_fields(Limits, entry, f"{place}: limits.{joint}", RigError)

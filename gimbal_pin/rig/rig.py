@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -64,6 +64,7 @@ class Rig(Record):
         config: The YAML it came with.
         path: URDF file, for meshes named relative to it.
         notes: Sentences on flaws of the URDF that do not matter.
+        rotors_apart: Joints whose rotor is a term of a model, in place of the one that `motors` state.
     """
 
     name: str
@@ -82,13 +83,16 @@ class Rig(Record):
     path: Path
     notes: tuple[str, ...] = ()
     source: str = ""
+    rotors_apart: frozenset[str] = frozenset()
 
     ROWS: ClassVar[str] = "joints"
     __repr__ = brief
 
     def __post_init__(self) -> None:
         """Give the Pinocchio model the rotors that the motors state."""
-        stated = np.array([motor.armature for motor in self.motors])
+        rows = zip(self.joints, self.motors)
+        apart = {*self.rotors_apart, *self.coupling}
+        stated = np.array([0.0 if joint in apart else motor.armature for joint, motor in rows])
         if not np.array_equal(self.model.armature, stated):
             model = self.model.copy()
             model.armature = stated
@@ -96,8 +100,26 @@ class Rig(Record):
 
     @property
     def armature(self) -> Array:
-        """Stated inertia of each motor's rotor at its joint, ``gear_ratio² rotor_inertia``, kg m², (n,)."""
+        """Stated inertia of each motor's rotor at its joint, ``gear_ratio² rotor_inertia``, kg m², (n,).
+
+        Zero at the joints `rotors_apart`, and where a motor turns with several joints, see `coupling`.
+        """
         return np.array(self.model.armature)
+
+    @property
+    def coupling(self) -> Mapping[str, Mapping[str, float]]:
+        """Joint → other joint → turns of the former's motor per turn of the latter, see `Config`."""
+        return {joint: others for joint, others in self.config.coupling.items() if others}
+
+    def build_motor_row(self, joint: str) -> Array:
+        """Return g of ``g q``, the angle of a joint's motor at its joint, (n,): of a motor of its own a unit vector."""
+        turns = {joint: 1.0, **self.coupling.get(joint, {})}
+        return np.array([turns.get(each, 0.0) for each in self.joints])
+
+    def with_rotors_apart(self, joints: Iterable[str]) -> Rig:
+        """Return the rig without the rotors that are stated at some joints, and with all others."""
+        apart = frozenset(joints)
+        return self if apart == self.rotors_apart else replace(self, rotors_apart=apart)
 
     @property
     def aims(self) -> bool:
@@ -300,7 +322,8 @@ def build_rig(
     element = urdf.parse_robot(sound, place)
     joints = tuple(model.names[1:])
     links = urdf.list_element_names(element, "link")
-    for key in (*config.motors, *config.limits):
+    coupled = [joint for own, others in config.coupling.items() for joint in (own, *others)]
+    for key in (*config.motors, *config.limits, *coupled):
         if key not in joints and key not in config.fixed:
             raise RigError(
                 stated,

@@ -248,7 +248,7 @@ def transfer_bodies(model: Model, given: Rig, other: Rig) -> Model:
         )
     change = other.phi - given.phi
     rig = other.with_phi(model.rig.phi + change)
-    if not is_inertia_positive(rig):
+    if not is_inertia_positive(rig, rotors=model.armature):
         raise UsageError(
             "payload",
             "leaves the joints an inertia that no rig has",

@@ -11,8 +11,8 @@ from gimbal_pin.control.laws.computed_torque import Robust
 from gimbal_pin.control.laws.design import LAYERED, Wish
 from gimbal_pin.control.laws.loop import Margins
 from gimbal_pin.control.laws.uncertainty import DRAWN_MODELS, GAIN_CEILING, ModelErrorBounds, Ratios
-from gimbal_pin.dynamics.model import Model
-from gimbal_pin.effects import ALWAYS, Signal
+from gimbal_pin.dynamics.model import Model, is_parameter
+from gimbal_pin.effects import Signal
 from gimbal_pin.errors import digits
 
 
@@ -203,11 +203,10 @@ def list_compensated(model: Model, kind: str) -> list[tuple[str, str | None]]:
     """Return cause and joint of what a control law makes up for, beside the inertias and plain friction."""
     if kind == "pid":
         return []
-    always = {cause.name for cause in ALWAYS}
     found = [
         (term.effect.name, term.effect.joint)
         for term in model.terms
-        if term.effect.name not in always
+        if not is_parameter(model.rig, term.effect)
     ]
     found += [(signal.name, signal.joint) for signal in model.drive]
     return list(dict.fromkeys([*found, *((change.name, change.place) for change in model.changes)]))
