@@ -135,7 +135,7 @@ def iterate_runs(column: Array, rows: Flags) -> Iterator[tuple[int, int]]:
 
 
 def find_contradicted_runs(log: Log, j: int, name: str, rows: Flags) -> tuple[Flags, float]:
-    """Those runs over which ``q - ∫ v dt`` travels too far, (N,), and how far, over its usual travel.
+    """Return the runs over which ``q - ∫ v dt`` travels too far, (N,), and how far, over its usual travel.
 
     A rate that is held has missed nothing where its joint turns evenly: one that changes by d over a time T bends the
     angle by ``d T / 8``.
@@ -209,7 +209,7 @@ def find_released_runs(column: Array, rows: Flags) -> tuple[Flags, float]:
 def find_denied_runs(
     rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering
 ) -> tuple[Flags, float]:
-    """Runs over which the model that the others give leaves the torque's quantum, (N,), and its residual over them.
+    """Return the runs over which a model of the other rows leaves the torque's quantum, (N,), and its residual there.
 
     The residual is taken over what it should be: the residual elsewhere and the model's own uncertainty there. A motor
     that was off while the pendulum swung, and on only in slow motion, denies nothing; nor does a residual that as many
@@ -252,6 +252,6 @@ def find_denied_runs(
 
 
 def compute_largest_rms(values: Array, length: int) -> float:
-    """Return the largest root mean square of so many values in sequence."""
+    """Return the largest root mean square of `length` values in sequence."""
     total = np.cumsum(np.append(0.0, values**2))
     return float(np.sqrt(np.max(total[length:] - total[:-length]) / length))

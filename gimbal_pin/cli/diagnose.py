@@ -50,7 +50,7 @@ def diagnose(
     seed: opt.Seed = 0,
     json: opt.Json = None,
 ) -> None:
-    """What the simulation gets wrong, why, the extended model and its gain.
+    """Find what the simulation gets wrong, why, and what the extended model gains.
 
     -o writes a report, too, and the next experiment where a finding is ambiguous.
 

@@ -22,7 +22,7 @@ from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.regression import INERTIA_SAMPLES, find_base_columns, free_scale
+from gimbal_pin.regression import INERTIA_SAMPLES, compute_motorless_correction, find_base_columns
 from gimbal_pin.rig.rig import Rig
 
 OWN_COLUMNS = 3
@@ -154,7 +154,7 @@ def build_problem(
     q = rows.join("q")
     columns = [[Y[:, j] for Y in regressor] for j in range(rig.n)]
     for j in np.flatnonzero(~measured.any(axis=0)).tolist():
-        left = [free_scale(rig, reduction, j, q, x[:, j]) for x in known]
+        left = [compute_motorless_correction(rig, reduction, j, q, x[:, j]) for x in known]
         columns[j] = [x + y for x, y in zip(columns[j], left)]
     rigid = tuple(rows.project(x, j) for j, x in enumerate(columns))
     motion = [

@@ -440,7 +440,7 @@ def replace_bodies(rig: Rig, phi: Array, rotors: float | Array = 0.0) -> Rig:
 
 
 def is_inertia_positive(rig: Rig, q: Array | None = None, rotors: float | Array = 0.0) -> bool:
-    """Whether the mass matrix is positive definite at all angles q, (m, n), or all over: otherwise no rig moves so.
+    """Return whether the mass matrix is positive definite at all angles q, (m, n), or all over.
 
     `rotors`: inertia that the terms add, kg m², (n,) or (n, n).
     """
@@ -457,7 +457,7 @@ def build_friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
 
 
 def build_stated_effects(rig: Rig, reduction: Reduction) -> tuple[Effect, ...]:
-    """Effects that are parameters of every model of a rig: friction, rotors, coupled motors', and constant torques.
+    """Return the effects that every model of a rig has: friction, rotors, coupled motors and constant torques.
 
     Rotors where it states a gear or a rotor that its bodies cannot stand for, see `Reduction.rotors`; constant torques
     where it says ``torque_offset: fit``.
@@ -469,7 +469,7 @@ def build_stated_effects(rig: Rig, reduction: Reduction) -> tuple[Effect, ...]:
 
 
 def is_parameter(rig: Rig, effect: Effect | Term | Cause | None) -> bool:
-    """Whether an effect is a parameter of the rig's model, and so never a finding, see `build_stated_effects`."""
+    """Return whether an effect is a parameter of the rig's model, see `build_stated_effects`, and never a finding."""
     if isinstance(effect, Term):
         effect = effect.effect
     if isinstance(effect, PLAIN):

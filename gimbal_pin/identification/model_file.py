@@ -1,4 +1,4 @@
-"""IdentificationResult models as YAML: what `identify -o` writes and `tune` reads."""
+"""Models as YAML: what `identify -o` writes and `tune` reads."""
 
 from __future__ import annotations
 

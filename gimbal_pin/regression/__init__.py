@@ -31,13 +31,15 @@ from gimbal_pin.regression.design import build_mask as build_mask
 from gimbal_pin.regression.design import compute_blocks as compute_blocks
 from gimbal_pin.regression.design import compute_direction as compute_direction
 from gimbal_pin.regression.design import compute_effect_columns as compute_effect_columns
+from gimbal_pin.regression.design import (
+    compute_motorless_correction as compute_motorless_correction,
+)
 from gimbal_pin.regression.design import count_smoother_memory as count_smoother_memory
 from gimbal_pin.regression.design import dilate_flags as dilate_flags
 from gimbal_pin.regression.design import find_base_columns as find_base_columns
 from gimbal_pin.regression.design import find_camera_body as find_camera_body
 from gimbal_pin.regression.design import find_slow_samples as find_slow_samples
 from gimbal_pin.regression.design import find_standstill as find_standstill
-from gimbal_pin.regression.design import free_scale as free_scale
 from gimbal_pin.regression.design import get_design as get_design
 from gimbal_pin.regression.design import map_phi_to_base as map_phi_to_base
 from gimbal_pin.regression.discrepancy import FORM_ERROR as FORM_ERROR

@@ -129,7 +129,9 @@ def find_base_columns(rig: Rig, reduction: Reduction) -> Array:
     return np.array([index[reduction.names[j]] for j in reduction.independent])
 
 
-def free_scale(rig: Rig, reduction: Reduction, joint: int, q: Array, left: Array) -> Array:
+def compute_motorless_correction(
+    rig: Rig, reduction: Reduction, joint: int, q: Array, left: Array
+) -> Array:
     """Return what is added to the columns of the rows ``0 = A x`` of a joint without a motor, (m, k).
 
     As they stand, x = 0 fits them best, and noise of the acceleration draws x there. What is wrong with them is an
@@ -378,7 +380,9 @@ class Design:
         bodies = slice(len(urdf))
         for j in self.undriven:
             left = A[:, j, bodies] @ urdf
-            A[:, j, bodies] += free_scale(self.rig, self.reduction, j, channels.q, left)
+            A[:, j, bodies] += compute_motorless_correction(
+                self.rig, self.reduction, j, channels.q, left
+            )
             rest[:, j] -= left
         return Block(t, A, rest, q, v, share, slope, given)
 

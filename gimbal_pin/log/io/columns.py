@@ -59,7 +59,7 @@ recorder loses, or repeats before it begins, far less."""
 LEAST_TRAVEL = 0.02
 """Least travel of a joint that can be judged, rad or m."""
 NOISE_RATIO = 2.0
-"""A rate of less than so many times its own noise is noise: of joints that move it is ten times and more."""
+"""Ratio of a rate's deviation to its noise, below which the rate is noise; of joints that move it is ten and more."""
 MIN_REST_SECONDS = 2.0
 """Length of a log, s, from which a joint without motion counts as at rest; no verdict is possible on a shorter one."""
 
